@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from emcee.moves import Move
 
 STEPS = 24  # that a stand-in walks, where the true posterior takes a thousand times as long
-LOCAL, TURNS = 0.3, (0.1, 0.8)  # share of a stand-in's steps that are turns, and how far these go: sine of the angle
+LOCAL, TURNS = 0.4, (0.1, 0.8)  # share of a stand-in's steps that are turns, and how far these go: sine of the angle
+SELDOM, OFTEN = 0.03, 0.2  # shares of proposals other than the stand-in's own
 FLATTER = 1.5  # by which a stand-in's log density is divided, for proposals farther out
 
 
@@ -93,7 +94,7 @@ class DelayedAcceptance:
     """
 
     def __init__(self, stand_in: BatchLogProb, shape: TransportMap, steps: int) -> None:
-        self.stand_in, self.shape, self.steps, self.within = stand_in, shape, steps, IndependenceMove()
+        self.stand_in, self.shape, self.steps, self.within = stand_in, shape, steps, IndependenceMove(10.0, 1.1)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
         """One step of all walkers, as emcee calls it.
@@ -134,6 +135,29 @@ class DelayedAcceptance:
         return state, accepted
 
 
+class DifferenceMove:
+    """Step by a multiple of the difference of two points of a fixed set (ter Braak and Vrugt 2008).
+
+    Differential evolution whose other walkers never move: each walker is then a chain of its own.
+
+    `points`, shape (n_points, n_unknowns): that look like the posterior [-].
+    """
+
+    def __init__(self, points: np.ndarray) -> None:
+        self.points = points
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
+        """One step of all walkers, as emcee calls it; arguments and result as of `IndependenceMove.propose`."""
+        walkers, n = state.coords.shape
+        one, other = model.random.randint(len(self.points), size=(2, walkers))
+        q = state.coords + 2.38 / np.sqrt(2.0 * n) * (self.points[one] - self.points[other])
+        log_prob, _ = model.compute_log_prob_fn(q)
+        accepted = np.log(model.random.rand(walkers)) < log_prob - state.log_prob
+        state.coords = np.where(accepted[:, None], q, state.coords)
+        state.log_prob = np.where(accepted, log_prob, state.log_prob)
+        return state, accepted
+
+
 def mixture() -> list[tuple[Move, float]]:
     """The moves of a fit: independent proposals, and differential evolution for what they do not reach."""
     from emcee.moves import DEMove  # with scipy.stats; a third of a second, which pages of diagnoses are spared
@@ -142,19 +166,17 @@ def mixture() -> list[tuple[Move, float]]:
 
 
 def delayed(
-    stand_in: BatchLogProb, shape: TransportMap, steps: int = STEPS, trusted: bool = False
+    stand_in: BatchLogProb, shape: TransportMap, points: np.ndarray, steps: int = STEPS, trusted: bool = False
 ) -> list[tuple[Move, float]]:
-    """The moves where a stand-in proposes.
+    """The moves where a stand-in proposes, none of which looks at other walkers.
 
-    Some proposals are of a flatter one, one in five or, where the stand-in is ``trusted``, in twenty: where it has too
-    little mass a walker would be held for long. Differential evolution is for what neither reaches.
+    Some proposals are of a flatter one, one in five or, where the stand-in is ``trusted``, in thirty: where it has too
+    little mass a walker would be held for long. Differences of ``points`` are for what neither reaches.
     """
 
     def flatter(z: np.ndarray) -> np.ndarray:
         return stand_in(z) / FLATTER
 
-    from emcee.moves import DEMove
-
     own, flat = DelayedAcceptance(stand_in, shape, steps), DelayedAcceptance(flatter, shape, steps)
-    share = 0.05 if trusted else 0.2
-    return [(own, 0.9 - share), (flat, share), (DEMove(), 0.1)]
+    share = SELDOM if trusted else OFTEN
+    return [(own, 1.0 - share - SELDOM), (flat, share), (DifferenceMove(points), SELDOM)]

@@ -33,7 +33,7 @@ LEAST = 1e4  # of minus a log weight: what is impossible
 LOOKED_AT = 1000  # draws of the polynomials at which the true posterior is asked for
 HEAVIEST = 0.7  # Pareto's k of the weights there, above which polynomials are not trusted
 TIMES_TAU, BLOCK = 10.0, 5  # proposals that forget at once: short chains tell how long is enough
-STEPS, STEPS_WITH_EFFECTS = 8, 24  # that the polynomials walk for one of the true posterior: effects make that dear
+STEPS, STEPS_WITH_EFFECTS = 12, 24  # that the polynomials walk for one of the true posterior: effects make that dear
 WARM_UP_WITH_EFFECTS = 24  # blocks, without polynomials: the ridge is thinner, its map needs more draws
 
 
@@ -76,8 +76,8 @@ def _begun(likelihood: Likelihood, settings: Settings) -> Begun | None:
     e = random.randn(POINTS, n)
     drawn = top + e @ np.linalg.cholesky(peak.spread_at(likelihood.log_prob, top)).T
     generation = _Generation(drawn, -0.5 * np.sum(e * e, axis=1))
+    where = top + WIDER * drawn.std(axis=0) * random.randn(likelihood.points_wanted, n)
     for number in range(ROUNDS):
-        where = drawn.mean(axis=0) + WIDER * drawn.std(axis=0) * random.randn(likelihood.points_wanted, n)
         polynomials = likelihood.polynomials(where)
         if polynomials is None:
             return None
@@ -86,12 +86,13 @@ def _begun(likelihood: Likelihood, settings: Settings) -> Begun | None:
         shape = generation.shape
         if shape is None or not len(drawn):
             return None
+        where, _ = shape.push(WIDER * random.randn(likelihood.points_wanted, n))
         looked_at = drawn[random.permutation(POINTS)[:LOOKED_AT]]
         if number > 0 and heaviness(likelihood.log_prob(looked_at) - stand_in(looked_at)) < HEAVIEST:
             walkers = sampling.ENSEMBLES * max(settings.walkers, 2 * n + 2)
             steps = STEPS_WITH_EFFECTS if likelihood.effects else STEPS
             begin = drawn[random.permutation(POINTS)[: 2 * walkers]]
-            return Begun(begin, partial(moves.delayed, stand_in, shape, steps, trusted=True))
+            return Begun(begin, partial(moves.delayed, stand_in, shape, drawn, steps, trusted=True))
     return None
 
 

@@ -111,7 +111,7 @@ class Begun:
     """Where a chain begins that need not find its peak, and how it goes on.
 
     `points`, shape (n, n_unknowns): that look like the posterior; as many as there are walkers at least [-].
-    `moves`: moves that need no straightened coordinates, and so no warm-up.
+    `moves`: moves that need no straightened coordinates, and so no warm-up, and that move each walker by itself.
     """
 
     points: np.ndarray
@@ -147,9 +147,9 @@ def sample(
     walkers = max(settings.walkers, 2 * n_unknowns + 2)
     if not blocks:
         tell(0, settings.effective_samples, "finding the peak")
-        blocks = [_start(log_prob, n_unknowns, walkers, settings.seed, begun.points if begun else None)]
+        blocks = [_start(log_prob, n_unknowns, walkers, settings.seed, begun)]
         store.write(0, blocks[0])
-    states = [_restored(blocks[-1], e) for e in range(ENSEMBLES)]
+    states = [_restored(blocks[-1], e) for e in range(len(blocks[-1]["coords"]))]
 
     fixed = begun.moves if begun else None
     shape: Shape = Plain() if fixed else _mapped(blocks[0]["population"], factors)
@@ -191,26 +191,30 @@ def _too_slow(chain: Chain, settings: Settings) -> bool:
 
 
 def _start(
-    log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int, given: np.ndarray | None
+    log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int, begun: Begun | None
 ) -> dict[str, np.ndarray]:
-    """Block 0: the ensembles at their start, and the scattered points that the first map is fitted to."""
+    """Block 0: the ensembles at their start, and the scattered points that the first map is fitted to.
+
+    Walkers that do not look at each other move as one ensemble, which takes less time.
+    """
     import emcee  # as in `calibration.fit.moves`
 
     rng, wanted = np.random.default_rng(seed), ENSEMBLES * walkers
-    if given is None:
+    together = ENSEMBLES if begun and begun.moves else 1
+    if begun is None:
         points, values = _about_the_peak(log_prob, n_unknowns, wanted, rng)
     else:
-        points, values = given, log_prob(given)
+        points, values = begun.points, log_prob(begun.points)
     likely = np.argsort(values)[::-1][: np.isfinite(values).sum()]
     if likely.size < wanted:
         raise peak.NoPeakError("hardly a point about the posterior's peak is possible; check the effects' bounds")
     chosen = likely[: max(wanted, len(points) // 2)]
-    picked = rng.permutation(chosen)[:wanted].reshape(ENSEMBLES, walkers)
+    picked = rng.permutation(chosen)[:wanted].reshape(-1, together * walkers)
     states = []
-    for e in range(ENSEMBLES):
+    for there in picked:
         generator = np.random.RandomState(rng.integers(2**32))
-        states.append(emcee.State(points[picked[e]], log_prob=values[picked[e]], random_state=generator.get_state()))
-    block = _packed(states, np.empty((ENSEMBLES, 0, walkers, n_unknowns)), np.zeros(ENSEMBLES))
+        states.append(emcee.State(points[there], log_prob=values[there], random_state=generator.get_state()))
+    block = _packed(states, np.empty((len(picked), 0, picked.shape[1], n_unknowns)), np.zeros(len(picked)))
     return block | {"population": points[chosen]}
 
 
@@ -288,6 +292,7 @@ def _assess(blocks: list[dict[str, np.ndarray]], settings: Settings, number: int
     """The samples that the fixed moves drew, less their own beginning, and their quality; block ``number`` is last."""
     samples = np.concatenate([block["chain"] for block in blocks], axis=1)
     steps = samples.shape[1]
+    samples = np.concatenate(np.split(samples, ENSEMBLES // len(samples), axis=2))
     tau = _tau(samples)
     first = min(int(np.ceil(DISCARD_TAU * tau.max())), steps // 2)
     samples = samples[:, first:]

@@ -117,7 +117,9 @@ def fit(
             chunks = np.array_split(z, min(workers, max(len(z), 1)))
             return np.concatenate(side_by_side(log_prob_of, [(target, chunk) for chunk in chunks]))
 
-        begin = Begun(_start_points(target, drawn.flat(), rng), lambda: moves.delayed(stand_in.log_prob, shape))
+        begin = Begun(
+            _start_points(target, drawn.flat(), rng), lambda: moves.delayed(stand_in.log_prob, shape, drawn.flat())
+        )
         chosen = dataclasses.replace(
             settings, walkers=WALKERS, block=BLOCK, times_tau=min(settings.times_tau, TIMES_TAU)
         )

@@ -141,6 +141,39 @@ def test_emcees_snooker_move_fails_that_test_for_it_samples_too_narrow():
     assert sd.max() < 0.9
 
 
+def test_differences_of_a_fixed_set_sample_a_curved_target_that_the_set_does_not_look_like():
+    def curved(z: np.ndarray) -> np.ndarray:
+        """z0 ~ N(0, 1), z1 ~ N(z0^2 / 2, 0.5): means 0 and 1/2, variances 1 and 0.75."""
+        return log_normal(z[:, 0]) + log_normal(z[:, 1], z[:, 0] ** 2 / 2, 0.5)
+
+    known = np.random.default_rng(11).standard_normal((2000, 2)) * (1.3, 0.5)
+    state = emcee.State(known[:48], random_state=np.random.RandomState(10).get_state())
+    sampler = emcee.EnsembleSampler(48, 2, curved, vectorize=True, moves=[(moves.DifferenceMove(known), 1.0)])
+    sampler.run_mcmc(state, 8000)
+    flat = sampler.get_chain(flat=True, discard=400)
+    np.testing.assert_allclose(flat.mean(axis=0), [0.0, 0.5], atol=0.03)
+    np.testing.assert_allclose(flat.var(axis=0), [1.0, 0.75], rtol=0.06)
+
+
+def test_where_a_stand_in_proposes_each_walker_goes_its_own_way():
+    """So that R-hat may be taken between walkers of one ensemble."""
+    known = np.random.default_rng(12).standard_normal((500, 3))
+    shape = TransportMap(known, np.ones(3))
+
+    def chain(first: float) -> np.ndarray:
+        start = known[:12].copy()
+        start[0] = first
+        state = emcee.State(start, random_state=np.random.RandomState(9).get_state())
+        chosen = moves.delayed(gaussian, shape, known)
+        sampler = emcee.EnsembleSampler(12, 3, banana, vectorize=True, moves=chosen)
+        sampler.run_mcmc(state, 60)
+        return sampler.get_chain()
+
+    one, other = chain(0.1), chain(0.7)
+    assert np.any(one[:, 0] != other[:, 0])
+    np.testing.assert_array_equal(one[:, 1:], other[:, 1:])
+
+
 # Whole chains
 
 

@@ -201,7 +201,7 @@ def test_a_stand_in_that_is_wrong_changes_nothing_of_what_is_sampled():
     known = np.column_stack([first, 0.4 * first**2 + 0.4 * rng.standard_normal(2000)])
     shape = TransportMap(known, np.ones(2))
     settings = Settings(seed=4, effective_samples=8000, most_steps=3000, walkers=24)
-    begun = Begun(known, lambda: moves.delayed(wrong, shape))
+    begun = Begun(known, lambda: moves.delayed(wrong, shape, known))
     chain = sample(banana, 2, np.ones_like, settings, begun=begun)
     assert chain.converged and 0.1 < chain.acceptance < 0.95
     flat = chain.flat()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from calibration.systems.radial_piston.batch.rows import of_set
 from model.solvers import steady
@@ -52,7 +52,7 @@ def _products(k: int) -> list[tuple[int, ...]]:
     return list(itertools.combinations_with_replacement(range(k + 1), 3))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, parallel=True)
 def sum_rows_by(
     x: np.ndarray,
     coefficients: np.ndarray,
@@ -72,21 +72,20 @@ def sum_rows_by(
     `coefficients`, shape (n_terms, n_rows, 4): of `Polynomials` [SI].
     """
     n_rows, n_columns = coefficients.shape[1:]
-    states, ones = np.zeros((n_rows, steady.N_OUT)), np.ones(x.shape[1] + 1)
-    sums = np.empty((n_rows, n_columns))
-    for s in range(len(x)):
+    flat = coefficients.reshape(len(coefficients), n_rows * n_columns)
+    for s in prange(len(x)):
+        ones, sums = np.ones(x.shape[1] + 1), np.zeros(flat.shape[1])
         ones[1:] = x[s]
-        sums[:] = 0.0
         term = 0
         for a in range(ones.size):
             for b in range(a, ones.size):
                 two = ones[a] * ones[b]
                 for c in range(b, ones.size):
                     three = two * ones[c]
-                    for r in range(n_rows):
-                        for j in range(n_columns):
-                            sums[r, j] += three * coefficients[term, r, j]
+                    for i in range(sums.size):
+                        sums[i] += three * flat[term, i]
                     term += 1
+        states = np.zeros((n_rows, steady.N_OUT))
         for j in range(n_columns):
-            states[:, COLUMNS[j]] = sums[:, j]
+            states[:, COLUMNS[j]] = sums[j::n_columns]
         found[s] = of_set(states, errors[s], noise_sd, resolution, bad_share, reading, state, noise_scale)
