@@ -27,7 +27,7 @@ GENERATIONS = 24
 LIKE = 0.125  # share of the points that a generation's weights, tempered, are worth
 GOOD = 0.4  # the same without tempering: where the map is like the polynomials' own distribution
 PATIENCE = 4  # generations with none better, after which the best is taken
-ROUNDS = 3  # of fitting polynomials: about the peak, then where those before have their mass
+ROUNDS = 4  # of fitting polynomials: about the peak, then where those before have their mass
 WIDER = 1.5  # than that: where they are fitted
 LEAST = 1e4  # of minus a log weight: what is impossible
 LOOKED_AT = 1000  # draws of the polynomials at which the true posterior is asked for
@@ -82,13 +82,13 @@ def _begun(likelihood: Likelihood, settings: Settings) -> Begun | None:
         if polynomials is None:
             return None
         stand_in = partial(likelihood.log_prob_by, polynomials)
-        drawn, generation = _moved(stand_in, likelihood.factors, generation, random)
+        drawn, generation, worth = _moved(stand_in, likelihood.factors, generation, random)
         shape = generation.shape
-        if shape is None or not len(drawn):
+        if shape is None:
             return None
         where, _ = shape.push(WIDER * random.randn(likelihood.points_wanted, n))
         looked_at = drawn[random.permutation(POINTS)[:LOOKED_AT]]
-        if number > 0 and heaviness(likelihood.log_prob(looked_at) - stand_in(looked_at)) < HEAVIEST:
+        if number > 0 and worth >= LIKE and heaviness(likelihood.log_prob(looked_at) - stand_in(looked_at)) < HEAVIEST:
             walkers = sampling.ENSEMBLES * max(settings.walkers, 2 * n + 2)
             steps = STEPS_WITH_EFFECTS if likelihood.effects else STEPS
             begin = drawn[random.permutation(POINTS)[: 2 * walkers]]
@@ -98,15 +98,15 @@ def _begun(likelihood: Likelihood, settings: Settings) -> Begun | None:
 
 def _moved(
     stand_in: BatchLogProb, factors: sampling.Factors, generation: _Generation, random: np.random.RandomState
-) -> tuple[np.ndarray, _Generation]:
-    """Draws of a stand-in, shape (POINTS, n) [-], and the generation that they were chosen from; no draws where its
-    mass was not found.
+) -> tuple[np.ndarray, _Generation, float]:
+    """Draws of a stand-in, shape (POINTS, n) [-], the generation that they were chosen from, and the share of it that
+    they are worth [-]: below `LIKE` the weights were tempered, and the draws are on the way to its mass.
 
     Each generation is drawn from a map that was fitted to the one before, whose weights are tempered so that enough
     points count (population Monte Carlo, Cappe et al. 2004).
     """
     proposal = IndependenceMove()
-    best, best_drawn, most, since = generation, np.empty((0, generation.points.shape[1])), 0.0, 0
+    best, best_drawn, most, since = generation, generation.points, 0.0, 0
     for _ in range(GENERATIONS):
         log_weights = stand_in(generation.points) - generation.log_density
         if not np.isfinite(log_weights.max()):
@@ -117,16 +117,16 @@ def _moved(
         at = np.searchsorted(shares, (np.arange(POINTS) + random.rand()) / POINTS * shares[-1])
         drawn = generation.points[np.minimum(at, POINTS - 1)]
         since += 1
-        worth = _worth(log_weights) if power == 1.0 and generation.shape else 0.0
+        worth = _worth(log_weights) if generation.shape else 0.0
         if worth > most:
             best, best_drawn, most, since = generation, drawn, worth, 0
-        if most > GOOD or (most > 0.0 and since == PATIENCE):
+        if most > GOOD or (most >= LIKE and since == PATIENCE):
             break
         shape = TransportMap(drawn, factors(drawn.mean(axis=0)))
         e = proposal.draw(random, POINTS, drawn.shape[1])
         points, log_volume = shape.push(e)
         generation = _Generation(points, proposal.log_density(e) - log_volume, shape)
-    return best_drawn, best
+    return best_drawn, best, most
 
 
 def _worth(log_weights: np.ndarray) -> float:
