@@ -223,6 +223,19 @@ def test_a_recording_that_is_given_twice_is_refused():
             call({})
 
 
+@pytest.mark.parametrize(
+    ("after", "kind", "says"),
+    [
+        ("published_sweep", sb.RecordingError, "given twice"),
+        (["published_sweep"], TypeError, "a list is no recording; give a path"),
+        ("nowhere", sb.RecordingError, "there is no folder 'nowhere'"),
+    ],
+)
+def test_what_cannot_be_compared_is_told_in_a_sentence(after, kind, says):
+    with pytest.raises(kind, match=says):
+        sb.compare("published_sweep", after)
+
+
 def test_what_is_held_out_is_one_recording(put_recording):
     one, two = (put_recording(("sweep.csv", "steady", CENSORED), name=name) for name in ("one", "two"))
     (two / "sweep.csv").write_text(CENSORED.replace("44.0", "45.0"), encoding="utf-8")
