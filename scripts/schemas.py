@@ -18,6 +18,7 @@ from rig.bench.instrument import families
 from rig.exchange.mapping import MappingFile
 from rig.recording.schema import RecordingTable
 from rig.runlog.schema import EndRecord, EventLine, StartRecord, WireLine
+from spinbench.documents import DOCUMENTS
 
 SCHEMAS = FOLDER / "schemas"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -38,7 +39,7 @@ def models() -> dict[str, type[pydantic.BaseModel]]:
     of_families = {
         f"instrument_{name}": importlib.import_module(f"rig.instruments.{name}").Settings for name in families()
     }
-    return OF | of_families
+    return OF | of_families | DOCUMENTS
 
 
 def text_of(name: str, model: type[pydantic.BaseModel]) -> str:

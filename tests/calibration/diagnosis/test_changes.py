@@ -21,6 +21,7 @@ from calibration.systems.several.sharing import Sharing
 from model.motor import Motor, read_motor
 from rig.recording import Recording, read_recording
 from tests.commands import spinbench
+from tests.documents import check
 
 pytestmark = pytest.mark.long
 
@@ -145,6 +146,7 @@ def test_an_instruments_error_explains_a_change_unless_it_is_the_same_instrument
 
 def check_python(since: sb.ComparisonResult, found: dict) -> None:
     """What Python gives is what the command wrote, with a table and a picture."""
+    check(found)
     assert since.document == found
     assert (since.verdict, since.changed, since.p_value) == ("changed", ["f_overall"], found["mismatch"]["p_value"])
     assert since.unchanged_probability == found["unchanged_probability"]
