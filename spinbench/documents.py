@@ -335,8 +335,10 @@ class InTime(_Simulated):
     outlet_kg: list[float]
 
 
-class Simulation(RootModel[_Point | Sweep | InTime]):  # type: ignore[valid-type]
+class Simulation(RootModel):  # type: ignore[type-arg]
     """simulation/1: what `spinbench simulate` writes."""
+
+    root: _Point | Sweep | InTime  # type: ignore[valid-type]
 
 
 class Ranked(Document):
