@@ -155,11 +155,16 @@ class Improvement(Document):
 
 
 class NextTest(Document):
-    """A recommended test. `repeats`: of it, until it decides; null where no number does. `capture`: what is taken."""
+    """A recommended test.
+
+    `information_nats`, `range_nats`: what it is expected to give; and least and most, by which explanation is true.
+    `repeats`: how often it has to be taken until it decides; null where no number does.
+    """
 
     test: str
     separates: list[str]
     information_nats: float
+    range_nats: tuple[float, float] | None = None
     repeats: int | None
     needs: str
     command: str

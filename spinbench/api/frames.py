@@ -119,7 +119,8 @@ def of_events(run: Run | None) -> pd.DataFrame:
 
 def of_next_tests(document: Mapping[str, Any]) -> pd.DataFrame:
     """The tests that a diagnosis or a comparison asks for."""
-    return pd.DataFrame(document["next_tests"], columns=["test", "separates", "information_nats", "command"])
+    columns = ["test", "separates", "information_nats", "range_nats", "repeats", "command"]
+    return pd.DataFrame(document["next_tests"], columns=columns)
 
 
 def as_html(title: str, sentences: Sequence[str], *tables: pd.DataFrame) -> str:

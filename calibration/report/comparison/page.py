@@ -14,7 +14,7 @@ from calibration.report.comparison import words
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row
 from calibration.report.style import png
-from calibration.report.units import on_an_axis
+from calibration.report.units import CAUTION, on_an_axis, promise_in_short
 from calibration.unknowns.effects import changed, is_change, unchanged
 from model.effects import effects
 from rig.recording.dates import parsed
@@ -71,6 +71,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "changes": _change_table(document),
         "sets": _set_table(document),
         "tests": _test_table(document),
+        "caution": CAUTION,
         "seen": _seen_table(found),
         "notes": [*few_used(document["files"]), *(w for part in problem.parts for w in part.recording.warnings)],
         "seconds": step_times(found.seconds),
@@ -120,7 +121,7 @@ def _test_table(document: Mapping[str, Any]) -> Grid:
         (
             f"{test['test']}: {test['command']}" if test["command"] else test["test"],
             in_a_row([[unchanged(name) for name in one.split("+")] for one in test["separates"]], "and"),
-            f"{test['information_nats']:.1f}",
+            promise_in_short(test),
         )
         for test in document["next_tests"]
     )

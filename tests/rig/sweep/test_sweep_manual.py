@@ -299,9 +299,7 @@ def test_a_dial_in_another_unit_is_set_asked_for_and_read_in_that_unit(tmp_path)
     with session as terminal:
         terminal.expect(asks)
         terminal.type("0 <10 0")
-        terminal.expect(
-            r"set 1\.600 bar abs = 0\.587 bar gauge = 58\.6[78] kPa gauge on the dial" + r"[^\n]*" + asks
-        )
+        terminal.expect(r"set 1\.600 bar abs = 0\.587 bar gauge = 58\.6[78] kPa gauge on the dial" + r"[^\n]*" + asks)
         terminal.type(dials(1.6).replace("1.60", "0.59", 1))
         terminal.expect(r"\? 1\.019 bar abs was typed where 1\.6 was expected")  # bar, on a dial in kPa
         terminal.expect(asks)
