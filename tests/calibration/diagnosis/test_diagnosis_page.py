@@ -363,11 +363,9 @@ def test_a_test_is_told_with_its_odds_and_its_command_or_why_there_is_none(leak)
     told = confounded(leak)
     taken = dataclasses.replace(told.next_tests[0], capture=Capture("coast-down", 1.8))
     rows = diagnosis_table.tests(as_json(dataclasses.replace(told, next_tests=[taken, *told.next_tests[1:]])))
+    between = "0.3 to 12.0, depending on which explanation is right"
     assert rows == [
-        (
-            "next test",
-            "coast-down from 1.8 bar (2.0 nats: odds of 7.4 to 1; 0.3 to 12.0, depending on which explanation is right)",
-        ),
+        ("next test", f"coast-down from 1.8 bar (2.0 nats: odds of 7.4 to 1; {between})"),
         ("", "take it 3 times: each two are then parted, on average with 150 : 1"),
         ("", "spinbench capture BENCH --kind coast-down --level-bar-abs 1.8"),
         ("next test", "spin-up to 2.4 bar (0.4 nats: odds of 1.5 to 1)"),
