@@ -5,9 +5,9 @@ Numbers are SI unless a name ends in another unit. A later version may add keys,
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, RootModel, create_model
+from pydantic import BaseModel, ConfigDict, RootModel, WithJsonSchema, create_model
 
 from calibration.diagnosis.changes import Answer
 from calibration.diagnosis.next_test.promised import Kept
@@ -387,6 +387,43 @@ class Reproduction(Document):
     diameter: dict[str, list[Any]]
 
 
+# reveal/1
+
+
+class HeldTo(Figures):
+    """f_overall of a diagnosis, held to the true one; `holds`: whether the true one lies within its 90 %."""
+
+    true: float
+    holds: bool
+
+
+class Score(Document):
+    """What a diagnosis is worth against what was concealed."""
+
+    concealed: list[str]
+    category: str
+    verdict: str
+    named: list[str]
+    score: str
+    p_value: float
+    f_overall: HeldTo | None
+
+
+class Reveal(Document):
+    """reveal/1: what `spinbench reveal` writes. `truth`: what was drawn; `score`: null without a diagnosis."""
+
+    format: Literal["reveal/1"]
+    bench: str
+    truth: Annotated[dict[str, Any], WithJsonSchema({"type": "object"})]
+    line: dict[str, float]
+    truth_sha256: str
+    score: Score | None
+    only: str = ""
+    salt: str = ""
+    seed: int = 0
+    sealed: str = ""
+
+
 DOCUMENTS: dict[str, type[BaseModel]] = {
     "posterior": Posterior,
     "diagnosis": Diagnosis,
@@ -394,4 +431,5 @@ DOCUMENTS: dict[str, type[BaseModel]] = {
     "simulation": Simulation,
     "sensitivity": Sensitivity,
     "reproduction": Reproduction,
+    "reveal": Reveal,
 }
