@@ -18,19 +18,27 @@ from rig.bench.instrument import families
 from rig.exchange.mapping import MappingFile
 from rig.recording.schema import RecordingTable
 from rig.runlog.schema import EndRecord, EventLine, StartRecord, WireLine
-from spinbench.documents import DOCUMENTS
+from spinbench.documents.of_model import Reproduction, Sensitivity, Simulation
+from spinbench.documents.of_recordings import Comparison, Diagnosis, Posterior, Reveal
 
 SCHEMAS = FOLDER / "schemas"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 OF = {
     "bench": BenchFile,
+    "comparison": Comparison,
+    "diagnosis": Diagnosis,
     "import": MappingFile,
     "motor": Motor,
+    "posterior": Posterior,
     "recording": RecordingTable,
+    "reproduction": Reproduction,
+    "reveal": Reveal,
     "run_end": EndRecord,
     "run_event": EventLine,
     "run_start": StartRecord,
     "run_wire": WireLine,
+    "sensitivity": Sensitivity,
+    "simulation": Simulation,
 }
 
 
@@ -39,7 +47,7 @@ def models() -> dict[str, type[pydantic.BaseModel]]:
     of_families = {
         f"instrument_{name}": importlib.import_module(f"rig.instruments.{name}").Settings for name in families()
     }
-    return OF | of_families | DOCUMENTS
+    return OF | of_families
 
 
 def text_of(name: str, model: type[pydantic.BaseModel]) -> str:

@@ -1,13 +1,10 @@
-"""The JSON that commands write, as types: `scripts/schemas.py` makes configs/schemas from them.
-
-Numbers are SI unless a name ends in another unit. A later version may add keys, and takes none away.
-"""
+"""posterior/1, diagnosis/1, comparison/1 and reveal/1."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, RootModel, WithJsonSchema, create_model
+from pydantic import Field, WithJsonSchema
 
 from calibration.diagnosis.changes import Answer
 from calibration.diagnosis.next_test.promised import Kept
@@ -15,48 +12,7 @@ from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.locate import Place
 from calibration.fit.posterior import FitQuality, SuspectRow
 from calibration.likelihood.expected import Capture
-from model.article.comparison import Comparison as OfArticle
-from model.article.reproduction import StepRow
-from model.motor import Readings
-from model.operation.performance import OperatingPoint
-
-
-class Document(BaseModel):
-    """What is written as a table of keys."""
-
-    model_config = ConfigDict(extra="allow")
-
-
-def _with_fields(name: str, base: type[Document], kind: type) -> Any:
-    """A document with the keys of another, and with the fields of a dataclass beside them."""
-    fields: dict[str, Any] = {field: (annotation, ...) for field, annotation in get_type_hints(kind).items()}
-    return create_model(name, __base__=base, **fields)
-
-
-class Figures(Document):
-    """A quantity: mean, standard deviation, and 5 and 95 % quantiles."""
-
-    mean: float
-    sd: float
-    q05: float
-    q95: float
-
-
-class FileRows(Document):
-    """How many rows of a file were used, and why not the rest."""
-
-    file: str
-    rows: int
-    rows_used: int
-    why: str
-
-
-class Dated(Document):
-    """A recording, and its date where it states one."""
-
-    recording: str
-    date: str | None
-
+from spinbench.documents.parts import Dated, Document, Figures, FileRows
 
 # posterior/1
 
@@ -89,7 +45,7 @@ class Posterior(Document):
     fit_quality: FitQuality | None
     files: list[FileRows]
     seconds: float
-    recordings: list[Dated] = []
+    recordings: list[Dated] = Field(default_factory=list)
 
 
 # diagnosis/1
@@ -121,7 +77,7 @@ class Effect(Document):
     probability: float
     log10_bayes_factor: float | None
     parameters: dict[str, Size]
-    recordings: list[EffectOfEach] = []
+    recordings: list[EffectOfEach] = Field(default_factory=list)
 
 
 class Term(Document):
@@ -142,7 +98,7 @@ class HeldOut(Document):
     same_set_in_folds: int
     rmse_before: dict[str, float | None]
     rmse_after: dict[str, float | None]
-    rms_of_readings: dict[str, float | None] = {}
+    rms_of_readings: dict[str, float | None] = Field(default_factory=dict)
     elpd_gain: float
     elpd_gain_se: float
     elpd_gain_of_declared_figures: float = 0.0
@@ -196,7 +152,7 @@ class MadeOf(Document):
     folder: str
     sha256: str
     without: list[str]
-    origin: dict[str, str] = {}
+    origin: dict[str, str] = Field(default_factory=dict)
 
 
 class Left(Document):
@@ -245,11 +201,11 @@ class Diagnosis(Document):
     check: list[str]
     why: str
     files: list[FileRows]
-    recordings: list[MadeOf] = []
+    recordings: list[MadeOf] = Field(default_factory=list)
     rig: str = ""
     left: Left | None = None
-    nuisances: dict[str, Nuisance] = {}
-    noise: list[Noise] = []
+    nuisances: dict[str, Nuisance] = Field(default_factory=dict)
+    noise: list[Noise] = Field(default_factory=list)
     friction_unit: str = ""
 
 
@@ -303,90 +259,6 @@ class Comparison(Document):
     files: list[FileRows]
 
 
-# simulation/1, sensitivity/1 and reproduction/1: the model alone
-
-
-class OfMotor(Document):
-    """The motor: its parameters, each with its unit in the name, and how equations were read."""
-
-    motor: str
-    parameters: dict[str, float]
-    readings: Readings
-
-
-class _Simulated(OfMotor):
-    format: Literal["simulation/1"]
-
-
-_Point = _with_fields("Point", _Simulated, OperatingPoint)
-
-
-class Sweep(_Simulated):
-    """Several operating points."""
-
-    points: list[OperatingPoint]
-
-
-class InTime(_Simulated):
-    """A run in time: lists by time."""
-
-    transient: Literal["spin-up", "coast-down"]
-    pressure_bar_abs: float
-    time_s: list[float]
-    speed_rpm: list[float]
-    mean_speed_rpm: list[float]
-    angle_rad: list[float]
-    inlet_kg: list[float]
-    outlet_kg: list[float]
-
-
-class Simulation(RootModel):  # type: ignore[type-arg]
-    """simulation/1: what `spinbench simulate` writes."""
-
-    root: _Point | Sweep | InTime  # type: ignore[valid-type]
-
-
-class Ranked(Document):
-    """What a parameter does, a number for each pressure; null where the motor would stall, or there is no prior."""
-
-    name: str
-    unit: str
-    value: float
-    prior_step: str
-    speed_rpm_per_percent: list[float | None]
-    flow_l_min_per_percent: list[float | None]
-    speed_rpm_per_prior_sd: list[float | None] | None
-    flow_l_min_per_prior_sd: list[float | None] | None
-
-
-class Sensitivity(OfMotor):
-    """sensitivity/1: what `spinbench sensitivity` writes."""
-
-    format: Literal["sensitivity/1"]
-    pressure_bar_abs: list[float]
-    ranking: list[Ranked]
-
-
-class _Differing(Document):
-    difference: float
-
-
-_Compared = _with_fields("Compared", _Differing, OfArticle)
-
-
-class Reproduction(Document):
-    """reproduction/1: what `spinbench reproduce` writes; rows as docs/reproduction.md has them, units in the keys."""
-
-    format: Literal["reproduction/1"]
-    comparisons: list[_Compared]  # type: ignore[valid-type]
-    plateaus: list[dict[str, float]]
-    steps: list[StepRow]
-    flow_peaks: list[dict[str, float]]
-    steady_speed_rpm: float
-    friction: dict[str, list[Any]]
-    diameter: dict[str, list[Any]]
-
-
 # reveal/1
 
 
@@ -422,14 +294,3 @@ class Reveal(Document):
     salt: str = ""
     seed: int = 0
     sealed: str = ""
-
-
-DOCUMENTS: dict[str, type[BaseModel]] = {
-    "posterior": Posterior,
-    "diagnosis": Diagnosis,
-    "comparison": Comparison,
-    "simulation": Simulation,
-    "sensitivity": Sensitivity,
-    "reproduction": Reproduction,
-    "reveal": Reveal,
-}
