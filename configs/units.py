@@ -11,6 +11,28 @@ RAD_S = math.pi / 30.0  # rad/s in one rpm
 L_MIN = 60_000.0  # L/min in one m3/s
 M3_S = 1.0 / 60_000.0  # m3/s in one L/min
 
+# Other units, by what one of them is in ours.
+IN_BAR = {
+    "bar": 1.0,
+    "mbar": 1e-3,
+    "hPa": 1e-3,
+    "kPa": 1e-2,
+    "Pa": 1e-5,
+    "MPa": 10.0,
+    "psi": 0.0689475729,
+    "atm": 1.01325,
+}
+IN_L_MIN = {
+    "L/min": 1.0,
+    "L/s": 60.0,
+    "L/h": 1.0 / 60.0,
+    "m3/h": 1000.0 / 60.0,
+    "m3/min": 1000.0,
+    "m3/s": 60_000.0,
+    "cfm": 28.316846592,
+}
+IN_RPM = {"rpm": 1.0, "krpm": 1000.0, "rad/s": RPM, "rev/s": 60.0, "deg/s": 1.0 / 6.0}
+
 # By the end of a name: its unit, the least that is meant, and other units that it is often given in, each with the
 # factor from it and what is added.
 _OTHERS = {

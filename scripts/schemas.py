@@ -18,18 +18,27 @@ from rig.bench.instrument import families
 from rig.exchange.mapping import MappingFile
 from rig.recording.schema import RecordingTable
 from rig.runlog.schema import EndRecord, EventLine, StartRecord, WireLine
+from spinbench.documents.of_model import Reproduction, Sensitivity, Simulation
+from spinbench.documents.of_recordings import Comparison, Diagnosis, Posterior, Reveal
 
 SCHEMAS = FOLDER / "schemas"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 OF = {
     "bench": BenchFile,
+    "comparison": Comparison,
+    "diagnosis": Diagnosis,
     "import": MappingFile,
     "motor": Motor,
+    "posterior": Posterior,
     "recording": RecordingTable,
+    "reproduction": Reproduction,
+    "reveal": Reveal,
     "run_end": EndRecord,
     "run_event": EventLine,
     "run_start": StartRecord,
     "run_wire": WireLine,
+    "sensitivity": Sensitivity,
+    "simulation": Simulation,
 }
 
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what a type checker sees; the same names as in ROOMS
     from calibration.data.joined import together as together
-    from calibration.diagnosis.changes import compare as compare
     from calibration.fit.sampling import Settings as Settings
     from calibration.fit_quality import judge as judge
     from calibration.systems.machines.system import System as System
@@ -33,6 +32,8 @@ if TYPE_CHECKING:  # what a type checker sees; the same names as in ROOMS
     from rig.runlog import read_run as read_run
     from rig.runlog import verify as verify
     from rig.runlog.listing import list_runs as list_runs
+    from spinbench.api.comparing import ComparisonResult as ComparisonResult
+    from spinbench.api.comparing import compare as compare
     from spinbench.api.diagnosing import DiagnosisResult as DiagnosisResult
     from spinbench.api.diagnosing import diagnose as diagnose
     from spinbench.api.fitting import FitResult as FitResult
@@ -55,9 +56,11 @@ ROOMS = {
     "simulate": "spinbench.api.simulating",
     "fit": "spinbench.api.fitting",
     "diagnose": "spinbench.api.diagnosing",
+    "compare": "spinbench.api.comparing",
     "Opened": "spinbench.api.opened",
     "FitResult": "spinbench.api.fitting",
     "DiagnosisResult": "spinbench.api.diagnosing",
+    "ComparisonResult": "spinbench.api.comparing",
     # the model
     "read_motor": "model.motor",
     "set_values": "model.motor",
@@ -79,7 +82,6 @@ ROOMS = {
     "judge": "calibration.fit_quality",
     "Settings": "calibration.fit.sampling",
     "together": "calibration.data.joined",
-    "compare": "calibration.diagnosis.changes",
     # a machine of one's own
     "System": "calibration.systems.machines.system",
     "MotorTable": "rig.recording.schema",

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+
+from configs import FOLDER
+from rig.bench.bench import Bench, read_bench
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,18 @@ class Dial:
 PRESSURE_BAR_ABS = Dial(0.0, 4.0, 0.02, 0.007)
 FLOW_L_MIN = Dial(10.0, 100.0, 1.0, 0.4)
 SPEED_RPM = Dial(5.0, 99_999.0, 1.0, 0.3)
+
+
+def dial_in_kpa(folder: Path) -> Bench:
+    """The manual bench with a dial in kPa above the room's pressure, in a folder of its own."""
+    text = (FOLDER / "instruments" / "manual_bench_gauge.toml").read_text(encoding="utf-8")
+    for ours, other in (('"bar"', '"kPa"'), ("highest = 6.0", "highest = 600.0"), ("= 0.0554", "= 5.54")):
+        text = text.replace(ours, other, 1)
+    (folder / "manual_bench.toml").write_text(text, encoding="utf-8")
+    text = (FOLDER / "benches" / "manual.toml").read_text(encoding="utf-8")
+    text = text.replace("person.pressure_bar_abs", "person.pressure_bar_gauge")
+    (folder / "kpa.toml").write_text(text, encoding="utf-8")
+    return read_bench(folder / "kpa.toml")
 
 
 def read_dial(true: float, dial: Dial, chance: np.random.Generator | None = None) -> str:

@@ -37,7 +37,7 @@ def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Re
         if not files:
             raise RecordingError(f"--without {asked}: nothing of {kept.folder} is left")
         digest = hashlib.sha256(f"{kept.sha256} without {asked}".encode()).hexdigest() if kept.sha256 else ""
-        said = f"{asked}: left out (--without)"
+        said = f"{asked}: left out, as asked"
         found[k] = replace(kept, files=files, sha256=digest, warnings=(*kept.warnings, said))
     return found
 

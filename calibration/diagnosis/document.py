@@ -193,6 +193,7 @@ def next_tests_as_json(tests: Sequence[NextTest]) -> list[dict[str, Any]]:
             "test": t.test,
             "separates": ["+".join(names) or NOTHING for names in t.separates],
             "information_nats": t.information_nats,
+            "range_nats": t.range_nats,
             "repeats": t.repeats,
             "needs": t.needs,
             "command": t.capture.command if t.capture else "",

@@ -16,6 +16,7 @@ from calibration.report.units import RAISED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLUMNS = 2
 MOST_LABEL, MOST_WIDE = 24, 36  # characters under a point, and of a line along an axis
@@ -49,14 +50,19 @@ class Panel:
 
 
 def picture(panels: Sequence[Panel]) -> bytes:
-    """The panels as PNG, two beside each other."""
+    """The panels as PNG."""
+    return style.png(drawn(panels))
+
+
+def drawn(panels: Sequence[Panel]) -> Figure:
+    """The panels, two beside each other."""
     rows = max(-(-len(panels) // COLUMNS), 1)
     with style.drawing(rows, COLUMNS, height_in=2.7 * rows, squeeze=False) as (figure, axes):
         for axis, panel in zip(axes.flat, panels, strict=False):
             _draw(axis, panel)
         for axis in axes.flat[len(panels) :]:
             axis.set_axis_off()
-        return style.png(figure)
+    return figure
 
 
 def _draw(axis: Axes, panel: Panel) -> None:

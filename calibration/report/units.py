@@ -10,6 +10,11 @@ from typing import Any
 from model.layout import L_MIN, RPM
 
 FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
+# What stands beneath every list of recommended tests.
+CAUTION = (
+    "What a test promises is an expectation: it supposes that one of the explanations weighed is right (the range: "
+    "which of them), and leaves out the noise of the new readings; where none of them is right, it may give far less."
+)
 CERTAIN = 1e6  # odds that are told no further
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of a power of ten
 
@@ -41,6 +46,31 @@ def nats_in_words(nats: float) -> str:
     rounded = float(f"{odds:.2g}")
     shown = "over a million" if odds > CERTAIN else f"{rounded:.0f}" if rounded >= 10.0 else f"{rounded:g}"
     return f"{nats:.1f} nats: odds of {shown} to 1".replace("-", "−") + " against it" * (nats < 0.0)
+
+
+def promise_in_words(test: Mapping[str, Any]) -> str:
+    """What a test of `next_tests` is expected to tell, and between what and what, by which explanation is right."""
+    said, between = nats_in_words(test["information_nats"]), test.get("range_nats")
+    if not between:
+        return said
+    return f"{said}; {between[0]:.1f} to {between[1]:.1f}, depending on which explanation is right".replace("-", "−")
+
+
+def promise_in_short(test: Mapping[str, Any]) -> str:
+    """The same in nats alone, for a table."""
+    between = test.get("range_nats")
+    also = f" ({between[0]:.1f} to {between[1]:.1f})" if between else ""
+    return f"{test['information_nats']:.1f}{also}".replace("-", "−")
+
+
+def times_to_take(test: Mapping[str, Any]) -> str:
+    """How often a test of `next_tests` has to be taken until it decides."""
+    repeats = test.get("repeats")
+    if repeats is None:
+        return "however often it is taken, some pair stays open"
+    return (
+        f"take it {'once' if repeats == 1 else f'{repeats} times'}: each two are then parted, on average with 150 : 1"
+    )
 
 
 def how_taken(test: Mapping[str, Any]) -> str:

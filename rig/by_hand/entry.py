@@ -78,7 +78,7 @@ def impossible(
     if _is_beyond(pressure, safety.highest_pressure_bar_abs - added_bar):
         why["pressure"] = doubt_of_pressure(pressure, added_bar, 0.0, safety.highest_pressure_bar_abs)
     elif pressure is not None and _is_starved(pressure, speed, added_bar, ambient_bar - GAUGE_SDS * gauge_sd_bar):
-        why["pressure"] = f"{pressure.raw} is not above the room's {ambient_bar:.3f} bar, yet the rotor turns"
+        why["pressure"] = f"{_said(pressure)} bar is not above the room's {ambient_bar:.3f} bar, yet the rotor turns"
     if _is_beyond(speed, safety.highest_speed_rpm):
         why["speed"] = doubt_of_speed(speed, None, safety.highest_speed_rpm)
     return why
@@ -129,7 +129,7 @@ def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, li
     bar_abs = value.value + added_bar
     if value.censored > 0 or bar_abs > limit_bar:
         limit = f"the bench's limit of {limit_bar:g} bar abs"
-        return f"a pressure of {value.raw} is beyond {limit}; if it is so, close the valve"
+        return f"a pressure of {_said(value)} bar is beyond {limit}; if it is so, close the valve"
     if abs(bar_abs - near_bar) > DOUBT_BAR:
         return f"{bar_abs:.3f} bar abs was typed where {near_bar:g} was expected"
     return ""
@@ -143,15 +143,19 @@ def doubt_of_speed(value: Value | None, expected: tuple[float, float] | None, li
     if value is None or value.value is None or value.censored < 0:
         return ""
     if value.censored > 0 or value.value > limit_rpm:
-        return (
-            f"a speed of {value.raw} rpm is beyond the bench's limit of {limit_rpm:g} rpm; if it is so, close the valve"
-        )
+        limit = f"the bench's limit of {limit_rpm:g} rpm"
+        return f"a speed of {_said(value)} rpm is beyond {limit}; if it is so, close the valve"
     if expected is None:
         return ""
     low, high = max(expected[0], 0.0), expected[1]
     if low / DOUBT - DOUBT_RPM <= value.value <= high * DOUBT + DOUBT_RPM:
         return ""
-    return f"a speed of {value.raw} rpm is far from what was expected, {low:.0f} to {high:.0f} rpm"
+    return f"a speed of {_said(value)} rpm is far from what was expected, {low:.0f} to {high:.0f} rpm"
+
+
+def _said(value: Value) -> str:
+    """A typed value in its column's unit, which need not be what was typed."""
+    return f"{({-1: '<', 1: '>'}).get(value.censored, '')}{value.value:g}"
 
 
 def remarks(pressure_bar_abs: float | None, level_bar_abs: float, direction: str) -> list[str]:

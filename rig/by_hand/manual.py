@@ -15,6 +15,7 @@ from configs.units import BAR
 from rig.acquisition import Acquisition
 from rig.bench.bench import Bench
 from rig.by_hand import entry
+from rig.by_hand.by_hand import on_the_dial
 from rig.by_hand.conversation import Command, Conversation, EndedError, StoppedError
 from rig.by_hand.prompter import JumpedError, Prompter, TrippedError
 from rig.instruments.codecs.values import Value
@@ -193,7 +194,9 @@ class ManualSweep:
         if self.table.agreeing_readings:
             wait = f"read until {self.table.agreeing_readings} readings agree"
         count = f"[{len(self.plateaus) + 1}/{len(self.plateaus) + 1 + len(self.steps)}]"
-        return f"{count} set {step.level_bar_abs:.3f} bar abs = {gauge:.3f} bar gauge, {side}{way}, then {wait}"
+        dial = on_the_dial(self.bench, step.level_bar_abs, self._ambient_bar)
+        shown = f"{gauge:.3f} bar gauge" + (f" = {dial} on the dial" if dial else "")
+        return f"{count} set {step.level_bar_abs:.3f} bar abs = {shown}, {side}{way}, then {wait}"
 
     # Commands that leave a level.
 

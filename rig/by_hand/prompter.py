@@ -9,7 +9,7 @@ from rig.bench.bench import Bench
 from rig.by_hand.by_hand import manual_device
 from rig.by_hand.conversation import Command, Conversation, StoppedError, Typed, command_of, help_text
 from rig.instruments.codecs.values import Value
-from rig.instruments.manual import EntryError, ManualEntry, decode_entry, example
+from rig.instruments.manual import EntryError, ManualEntry, decode_entry, example, unit_on_face
 from rig.readings import Reading
 from rig.runlog.schema import ROOM
 from rig.sweep import ambient as room
@@ -53,7 +53,7 @@ class Prompter:
         self.roles, self.wait_s = course.roles, course.table.dwell_s
         self.device = manual_device(bench)
         driver = bench.build(self.device)
-        self.typed = driver.channels if isinstance(driver, ManualEntry) else {}
+        self.typed, self.faces = (driver.channels, driver.faces) if isinstance(driver, ManualEntry) else ({}, {})
         device, _, self.pressure = bench.file.roles.pressure.partition(".")
         self.pressure_is_typed = device == self.device
         named = {role: getattr(bench.file.roles, role) or "" for role in self.roles}
@@ -72,7 +72,7 @@ class Prompter:
         Raises JumpedError when a command leaves the level; StoppedError, EndedError, TrippedError when the run ends
         here.
         """
-        prompt = f"  {lead}{example(self.typed)}: "
+        prompt = f"  {lead}{example(self.faces)}: "
         doubted: list[str] = []
         while True:
             typed = self._asked(prompt)
@@ -80,7 +80,7 @@ class Prompter:
                 self.person.wait(self.wait_s)
                 continue
             try:
-                values = decode_entry(typed.text, self.typed)
+                values = decode_entry(typed.text, self.faces)
             except EntryError as error:
                 self.person.say(f"  {error}")
                 continue
@@ -101,13 +101,14 @@ class Prompter:
         """The pressure read again, to see whether it has drifted."""
         doubted = ""
         while True:
-            typed = self._asked(f"  {PRESSURE_NOW} (Enter when it was not read) ")
+            unit = unit_on_face(self.pressure, self.faces[self.pressure])
+            typed = self._asked(f"  {PRESSURE_NOW} [{unit}] (Enter when it was not read) ")
             if not typed.text:
                 return None
             words = [typed.text if name == self.pressure else "-" for name in self.typed]
             text = " ".join(words)
             try:
-                values = decode_entry(text, self.typed)
+                values = decode_entry(text, self.faces)
             except EntryError as error:
                 self.person.say(f"  {error}")
                 continue

@@ -5,19 +5,24 @@ from __future__ import annotations
 import csv
 import html
 import io
+from collections.abc import Mapping
 
 from rig.bench.bench import Bench
-from rig.by_hand.by_hand import manual_device
+from rig.bench.instrument import ChannelFile
+from rig.by_hand.by_hand import faces_of, on_the_dial
+from rig.instruments.manual import is_other_unit, quantity, unit_on_face
 from rig.plateaus.plan import Step, plan
 
 AT_ZERO = "zero"  # in the column of the level: instruments read with the line vented
 
 
-def sheet_columns(bench: Bench) -> list[str]:
-    """The columns of a sheet of a bench, in order."""
-    typed = bench.build(manual_device(bench)).channels
+def sheet_columns(bench: Bench) -> dict[str, str]:
+    """The columns of a sheet, in order, and how each is headed: with its unit, where that is not the name's."""
+    faces = faces_of(bench)
     pressure = bench.file.roles.pressure.partition(".")[2]
-    return ["time", "level_bar_abs", "direction", *typed, f"{pressure}_after", "note"]
+    names = ["time", "level_bar_abs", "direction", *faces, f"{pressure}_after", "note"]
+    units = {name: f" [{face.unit}]" for name, face in faces.items() if is_other_unit(name, face)}
+    return {name: name + units.get(name.removesuffix("_after"), "") for name in names}
 
 
 def print_sheet(bench: Bench) -> str:
@@ -25,7 +30,7 @@ def print_sheet(bench: Bench) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     columns = sheet_columns(bench)
-    writer.writerow(columns)
+    writer.writerow(columns.values())
     empty = [""] * (len(columns) - 3)
     writer.writerow(["", AT_ZERO, "", *empty])
     writer.writerows(["", f"{step.level_bar_abs:g}", step.direction, *empty] for step in _steps(bench))
@@ -35,12 +40,14 @@ def print_sheet(bench: Bench) -> str:
 
 def print_page(bench: Bench) -> str:
     """A sheet to be printed on A4 and filled in by hand, as HTML."""
-    shown = {name: figures.unit for name, figures in bench.build(manual_device(bench)).channels.items()}
-    heads = [html.escape(_words(column, shown)) for column in sheet_columns(bench)]
+    faces = faces_of(bench)
+    heads = [html.escape(_words(column, faces)) for column in sheet_columns(bench)]
     ambient_bar = bench.file.ambient.pressure_bar_abs or 1.01325
     rows = [_page_row("zero", "", len(heads))]
     for step in _steps(bench):
-        level = f"{step.level_bar_abs:.2f} <small>({step.level_bar_abs - ambient_bar:.2f} gauge)</small>"
+        dial = on_the_dial(bench, step.level_bar_abs, ambient_bar)
+        also = f"{step.level_bar_abs - ambient_bar:.2f} gauge{dial and f'; dial: {dial}'}"
+        level = f"{step.level_bar_abs:.2f} <small>({html.escape(also)})</small>"
         rows.append(_page_row(level, step.direction, len(heads)))
     rows.append(_page_row("zero", "", len(heads)))
     blanks = "".join(
@@ -93,15 +100,13 @@ def _steps(bench: Bench) -> list[Step]:
     return plan(table.levels_bar_abs, table.order, table.repeats, table.seed)
 
 
-def _words(column: str, units: dict[str, str]) -> str:
+def _words(column: str, faces: Mapping[str, ChannelFile]) -> str:
     """A column's name as a person reads it."""
     base = column.removesuffix("_after")
     named = {"level_bar_abs": "level [bar abs]", "direction": "from", "time": "time"}
-    if base not in units:
+    if base not in faces:
         return named.get(column, column)
-    quantity, _, rest = base.partition("_")
-    kind = " abs" if rest.endswith("abs") else " gauge" if rest.endswith("gauge") else ""
-    return f"{quantity}{' after' if base != column else ''} [{units[base]}{kind}]"
+    return f"{quantity(base)}{' after' if base != column else ''} [{unit_on_face(base, faces[base])}]"
 
 
 def _page_row(level: str, direction: str, cells: int) -> str:

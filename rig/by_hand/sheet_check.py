@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rig.bench.bench import Bench
 from rig.by_hand import entry
-from rig.by_hand.by_hand import manual_device
+from rig.by_hand.by_hand import faces_of, manual_device
 from rig.by_hand.sheet_entry import SheetRow, plateau_of, refuse, rows_and_mistakes
 from rig.instruments.codecs.values import Times, Value, reading_of
 from rig.instruments.manual import decode_entry
@@ -45,7 +45,7 @@ class _Check:
 
     def __init__(self, bench: Bench, ambient: Ambient) -> None:
         self._bench, self._ambient, self._device = bench, ambient, manual_device(bench)
-        self._typed = bench.build(self._device).channels
+        self._typed, self._faces = bench.build(self._device).channels, faces_of(bench)
         roles = bench.file.roles
         is_gauge = roles.pressure.endswith("_gauge")
         self._added_bar = ambient.pressure_bar_abs if is_gauge else 0.0
@@ -98,5 +98,5 @@ class _Check:
         return {self._roles[role]: text for role, text in why.items()}
 
     def _values(self, text: str) -> dict[str, Value]:
-        values = decode_entry(text, self._typed)
+        values = decode_entry(text, self._faces)
         return {role: values[name] for role, name in self._roles.items()}

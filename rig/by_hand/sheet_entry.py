@@ -17,7 +17,7 @@ from rig.acquisition.stage import Stage
 from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile
 from rig.by_hand import entry
-from rig.by_hand.by_hand import manual_device
+from rig.by_hand.by_hand import faces_of, manual_device
 from rig.by_hand.sheet import AT_ZERO, sheet_columns
 from rig.clock import Clock
 from rig.instruments.manual import EntryError, decode_entry
@@ -94,10 +94,10 @@ def rows_and_mistakes(text: str, bench: Bench) -> tuple[list[SheetRow], dict[int
     if len(text) > MOST_BYTES:
         raise SheetError(f"longer than {MOST_BYTES} characters; this is no sheet")
     columns = sheet_columns(bench)
-    lines = _lines(text.removeprefix("\ufeff"), columns)
+    lines = _lines(text.removeprefix("\ufeff"), [*columns.values()])
     if len(lines) > MOST_ROWS:
         raise SheetError(f"more than {MOST_ROWS} rows")
-    typed = bench.build(manual_device(bench)).channels
+    typed = faces_of(bench)
     rows: list[SheetRow] = []
     mistakes: dict[int, str] = {}
     last_s: float | None = None

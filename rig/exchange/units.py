@@ -9,7 +9,7 @@ import difflib
 import math
 from dataclasses import dataclass
 
-from configs.units import ZERO_C
+from configs.units import IN_BAR, IN_L_MIN, IN_RPM, RPM, ZERO_C
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 
@@ -23,25 +23,6 @@ class Unit:
     offset: float = 0.0
 
 
-_PRESSURE = {
-    "bar": 1.0,
-    "mbar": 1e-3,
-    "hPa": 1e-3,
-    "kPa": 1e-2,
-    "Pa": 1e-5,
-    "MPa": 10.0,
-    "psi": 0.0689475729,
-    "atm": 1.01325,
-}
-_FLOW = {
-    "L/min": 1.0,
-    "L/s": 60.0,
-    "L/h": 1.0 / 60.0,
-    "m3/h": 1000.0 / 60.0,
-    "m3/min": 1000.0,
-    "m3/s": 60_000.0,
-    "cfm": 28.316846592,
-}
 _STANDARD_FLOW = {
     "sL/min": 1.0,
     "NL/min": 1.0,
@@ -54,7 +35,7 @@ _KG_S = {"kg/s": 1.0, "g/s": 1e-3, "kg/min": 1.0 / 60.0, "g/min": 1e-3 / 60.0, "
 # By the density of dry air at 0 degC and 1.01325 bar, to which `converted` takes it as referred.
 _MASS_FLOW = {name: factor * 6e4 * 287.05 * ZERO_C / 101_325.0 for name, factor in _KG_S.items()}
 _OTHERS = {
-    "speed": {"rpm": 1.0, "krpm": 1000.0, "rad/s": 30.0 / math.pi, "rev/s": 60.0, "deg/s": 1.0 / 6.0},
+    "speed": IN_RPM,
     "pulse rate": {"Hz": 60.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "time of day": dict.fromkeys(("ISO", "hh:mm:ss", *DATED, "Excel days"), 1.0),
@@ -67,9 +48,9 @@ _OTHERS = {
     "words": {"words": 1.0},
 }
 UNITS = {
-    **{f"{name} abs": Unit("absolute pressure", factor) for name, factor in _PRESSURE.items()},
-    **{f"{name} gauge": Unit("gauge pressure", factor) for name, factor in _PRESSURE.items()},
-    **{name: Unit("flow", factor) for name, factor in _FLOW.items()},
+    **{f"{name} abs": Unit("absolute pressure", factor) for name, factor in IN_BAR.items()},
+    **{f"{name} gauge": Unit("gauge pressure", factor) for name, factor in IN_BAR.items()},
+    **{name: Unit("flow", factor) for name, factor in IN_L_MIN.items()},
     **{name: Unit("standard flow", factor) for name, factor in _STANDARD_FLOW.items()},
     **{name: Unit("mass flow", factor) for name, factor in _MASS_FLOW.items()},
     **{name: Unit(quantity, factor) for quantity, units in _OTHERS.items() for name, factor in units.items()},
@@ -93,7 +74,6 @@ QUANTITIES = {
     "angle_rad": ("angle",),
 }
 INTEGRALS = {"velocity_m_s": "length", "speed_rpm": "angle"}  # of what the column is the rate of change
-_RPM = 30.0 / math.pi
 # g/mol, of what a rotameter's scale may be made for.
 MOLAR_MASS = {
     "air": 28.965,
@@ -125,7 +105,7 @@ def unit_of(column: str, name: str, differentiate: bool = False) -> Unit:
         raise RunError(f"the unit is missing; units are said and never guessed: one of {listed}")
     if name in known:
         unit = UNITS[name]
-        return Unit(unit.quantity, unit.factor * _RPM) if differentiate and column == "speed_rpm" else unit
+        return Unit(unit.quantity, unit.factor * RPM) if differentiate and column == "speed_rpm" else unit
     called = name if name in UNITS else unit_called(name) or next(iter(difflib.get_close_matches(name, known, 1)), "")
     said = f"'{shown(name)}'"
     if called in PRESSURES:

@@ -1,7 +1,7 @@
 """A person as the instrument: one line an entry, ``2.00 72 394``, for dials, rotameters and tachometers without a port.
 
 A number alone, with a dot; ``<10`` and ``>100`` off the scale; ``-`` for what was not read. Units are those of the file
-and are never guessed.
+and are never guessed. They are what stands on the instrument's face: a reading becomes the unit of its column.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Annotated, cast
 import pydantic
 
 from configs import ConfigError
+from configs.units import IN_BAR, IN_L_MIN, IN_RPM
 from rig.bench.instrument import ChannelFile, InstrumentFile
 from rig.instruments.codecs.streaming import Stream, cut_lines
-from rig.instruments.codecs.values import Times, Value, failures, printable, reading_of
+from rig.instruments.codecs.values import Times, Value, failures, joined, printable, reading_of
 from rig.instruments.polling import ChannelName
 from rig.lines import BadReplyError, Line, NoReplyError
 from rig.lines.line import MOST_REPLY_BYTES
@@ -29,6 +30,14 @@ NOT_READ = "-"
 MOST_CHARACTERS = 200
 MOST_ATTEMPTS = 5  # then the poll fails, and the sweep decides what becomes of the plateau
 PATIENCE_S = 600.0
+# Of the columns whose unit is known: what they are called, their unit, and what else may stand on the face.
+FACES = {
+    "pressure_bar_abs": ("pressure", "bar", IN_BAR),
+    "pressure_bar_gauge": ("pressure", "bar", IN_BAR),
+    "flow_l_min": ("flow", "L/min", IN_L_MIN),
+    "speed_rpm": ("speed", "rpm", IN_RPM),
+}
+IN_THE_UNIT = ("lowest", "highest", "noise_sd", "bias_sd", "drift_sd", "resolution", "repeatability_sd")
 
 
 class EntryError(ValueError):
@@ -48,10 +57,23 @@ class Settings(InstrumentFile):
             raise ValueError(f"columns: {', '.join(self.columns)} are not the channels ({', '.join(self.channels)})")
         return self
 
+    @pydantic.model_validator(mode="after")
+    def units_become_those_of_the_columns(self) -> Settings:
+        """Refuse a unit that the column's cannot be made of."""
+        mistakes = [
+            f"channels.{name}.unit: '{channel.unit}' is not known for {name}: one of {', '.join(FACES[name][2])}"
+            for name, channel in self.channels.items()
+            if name in FACES and channel.unit not in FACES[name][2]
+        ]
+        if mistakes:
+            raise ValueError("\n".join(mistakes))
+        return self
+
 
 def decode_entry(text: str, columns: Mapping[str, ChannelFile]) -> dict[str, Value]:
-    """The values of an entry.
+    """The values of an entry, in the units of the columns.
 
+    `columns`: as they stand on the faces.
     By channel, quality manual; None where ``-`` was typed. Raises EntryError when the line cannot be read as meant
     beyond doubt.
     """
@@ -65,7 +87,42 @@ def decode_entry(text: str, columns: Mapping[str, ChannelFile]) -> dict[str, Val
 
 def example(columns: Mapping[str, ChannelFile]) -> str:
     """What to type, for prompts and error texts."""
-    return ", ".join(f"{name} [{channel.unit}]" for name, channel in columns.items()) + ", separated by spaces"
+    return ", ".join(asked(name, channel) for name, channel in columns.items()) + ", separated by spaces"
+
+
+def asked(name: str, channel: ChannelFile) -> str:
+    """What a person is asked for, as it stands on the face: ``pressure [kPa gauge]``."""
+    return f"{quantity(name)} [{unit_on_face(name, channel)}]"
+
+
+def quantity(name: str) -> str:
+    """What a column is called."""
+    return FACES[name][0] if name in FACES else name
+
+
+def unit_on_face(name: str, channel: ChannelFile) -> str:
+    """The unit on an instrument's face, and for a pressure from where it counts."""
+    of = {"pressure_bar_abs": " abs", "pressure_bar_gauge": " gauge"}.get(name, "")
+    return channel.unit + of
+
+
+def is_other_unit(name: str, channel: ChannelFile) -> bool:
+    """Whether another unit than the column's stands on the face."""
+    return name in FACES and channel.unit != FACES[name][1]
+
+
+def factor(name: str, channel: ChannelFile) -> float:
+    """What one of the face's unit is in the column's."""
+    return FACES[name][2][channel.unit] if name in FACES else 1.0
+
+
+def _in_unit_of_column(name: str, channel: ChannelFile) -> ChannelFile:
+    """A channel in its column's unit, with its limits and figures."""
+    if not is_other_unit(name, channel):
+        return channel
+    figures = {key: getattr(channel, key) for key in IN_THE_UNIT}
+    made = {key: value * factor(name, channel) for key, value in figures.items() if value is not None}
+    return channel.model_copy(update={"unit": FACES[name][1], **made})
 
 
 def _value(word: str, name: str, channel: ChannelFile) -> Value:
@@ -79,26 +136,33 @@ def _value(word: str, name: str, channel: ChannelFile) -> Value:
             f"{name}: '{printable(word)}' is not a number alone; the unit is {channel.unit} and is not typed"
         )
     beyond, number = match[1], float(match[2])
+    value = number * factor(name, channel)
+    typed = f"typed in {channel.unit}" if is_other_unit(name, channel) else ""
     if beyond:
-        return Value(number, Quality.MANUAL, word, "off the scale", -1 if beyond == "<" else 1)
+        return Value(value, Quality.MANUAL, word, joined("off the scale", typed), -1 if beyond == "<" else 1)
     if channel.lowest is not None and number < channel.lowest:
         raise EntryError(f"{name}: {word} {channel.unit} is below the scale; type <{channel.lowest:g} if it reads less")
     if channel.highest is not None and number > channel.highest:
         raise EntryError(
             f"{name}: {word} {channel.unit} is above the scale; type >{channel.highest:g} if it reads more"
         )
-    return Value(number, Quality.MANUAL, word)
+    return Value(value, Quality.MANUAL, word, typed)
 
 
 class ManualEntry:
-    """A person at a keyboard line."""
+    """A person at a keyboard line.
+
+    `faces`: the channels as they stand on the instruments' faces; `channels` are in the units of the columns.
+    """
 
     failing = False
 
     def __init__(self, device: str, settings: Settings) -> None:
         self.device = device
         self.settings = settings
-        self.channels = {name: settings.channels[name] for name in settings.columns}
+        self.faces = {name: settings.channels[name] for name in settings.columns}
+        self.channels = {name: _in_unit_of_column(name, channel) for name, channel in self.faces.items()}
+        self._logged = ", ".join(f"{name} [{channel.unit}]" for name, channel in self.faces.items())  # as it ever was
         self._stream = Stream(cut_lines(b"\n", MOST_REPLY_BYTES))
         self._waiting: list[bytes] = []
 
@@ -109,21 +173,21 @@ class ManualEntry:
 
     def identify(self, line: Line) -> str:
         """Whom to expect; nobody is asked."""
-        return f"{self.settings.title}: entry by hand of {example(self.channels)}"
+        return f"{self.settings.title}: entry by hand of {self._logged}, separated by spaces"
 
     def poll(self, line: Line) -> list[Reading]:
         """Ask for one line, and again while it cannot be read."""
         trouble = ""
         request_ns = time_ns = 0
         for attempt in range(MOST_ATTEMPTS):
-            request_ns = line.tell(f"{trouble}{self.device}: {example(self.channels)}: ".encode())
+            request_ns = line.tell(f"{trouble}{self.device}: {self._logged}, separated by spaces: ".encode())
             try:
                 time_ns, typed = self._line(line)
             except (NoReplyError, BadReplyError) as error:
                 times = Times(line.heard_ns, request_ns, line.heard_ns, attempt)
                 return failures(self.device, self.channels, error, times)
             try:
-                found = decode_entry(typed.decode("utf-8", errors="replace"), self.channels)
+                found = decode_entry(typed.decode("utf-8", errors="replace"), self.faces)
             except EntryError as error:
                 trouble = f"{error}\n"
                 continue

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from configs.units import as_in_another_unit
+from configs.units import IN_BAR, as_in_another_unit
 from rig.bench.bench import Bench
 from rig.runlog import AmbientRecord
 
@@ -71,7 +71,10 @@ class Ambient:
 
 @dataclass(frozen=True)
 class _Figure:
-    """A number that may be asked for: its prompt, bounds, and factor from what is typed."""
+    """A number that may be asked for: its prompt, bounds, and factor from what is typed.
+
+    `others`: units that may be typed behind the number, with their factors.
+    """
 
     prompt: str
     low: float
@@ -79,22 +82,24 @@ class _Figure:
     unit: str
     factor: float = 1.0
     hint: str = ""
+    others: Mapping[str, float] = field(default_factory=dict)
 
 
 FIGURES = {
     "pressure_bar_abs": _Figure(
-        "Ambient pressure [mbar], at this height and not reduced to sea level",
+        "Ambient pressure [mbar; or with the unit behind it: 101.3 kPa], at this height and not reduced to sea level",
         500.0,
         1200.0,
         "mbar",
         1e-3,
         "; 1013 is usual at sea level, about 12 less for each 100 m",
+        IN_BAR,
     ),
     "temperature_c": _Figure("Room temperature [degC]", -20.0, 60.0, "degC"),
     "relative_humidity": _Figure("Relative humidity [%]", 0.0, 100.0, "%", 1e-2),
     "minutes_running": _Figure("Minutes that the motor has run today", 0.0, 1440.0, "min"),
 }
-OPTIONS = {field.name: f"--{field.name.replace('_', '-')}" for field in fields(Given)}
+OPTIONS = {one.name: f"--{one.name.replace('_', '-')}" for one in fields(Given)}
 OPTIONS |= {"pressure_bar_abs": "--ambient-pressure-bar-abs", "temperature_c": "--ambient-temperature-c"}
 ROOM = ("pressure_bar_abs", "temperature_c", "relative_humidity")
 
@@ -107,7 +112,7 @@ def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -
     """
     given = given or Given()
     known, sources = _known(bench, given)
-    missing = [field.name for field in fields(Given) if known.get(field.name) is None]
+    missing = [one.name for one in fields(Given) if known.get(one.name) is None]
     if missing and ask is None:
         wanted = ", ".join(OPTIONS[name] for name in missing)
         raise AmbientError(
@@ -143,11 +148,11 @@ def _known(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
     of_file["lubrication"] = bench.file.lubrication or None
     if bench.file.virtual is not None:
         of_file |= {"minutes_running": 0.0, "lubrication": bench.file.lubrication}
-    implausible = [_implausible(field.name, getattr(given, field.name)) for field in fields(Given)]
+    implausible = [_implausible(one.name, getattr(given, one.name)) for one in fields(Given)]
     if any(implausible):
         raise AmbientError("\n".join(filter(None, implausible)))
-    for field in fields(Given):
-        name, option = field.name, getattr(given, field.name)
+    for one in fields(Given):
+        name, option = one.name, getattr(given, one.name)
         if option is not None:
             known[name] = float(option) if name in FIGURES else str(option)[:MOST_TEXT]
             sources[name] = "option"
@@ -217,8 +222,10 @@ def _asked(name: str, ask: Ask | None, default: float | str | None, when: str, h
 
 
 def _number(text: str, figure: _Figure) -> tuple[float | None, str]:
+    units = {**figure.others, figure.unit: figure.factor}
+    unit = next((one for one in sorted(units, key=len, reverse=True) if text.endswith(one)), figure.unit)
     try:
-        typed = float(text.removesuffix(figure.unit).strip())
+        typed = float(text.removesuffix(unit).strip()) * units[unit] / figure.factor
     except ValueError:
         return None, f"'{text[:20]}' is not a number with a decimal point. "
     if not math.isfinite(typed) or not figure.low <= typed <= figure.high:

@@ -6,4 +6,5 @@ simulating  the model, as tables
 fitting     a fit: how it is made, and its result
 arviz_data  draws as xarray and ArviZ take them
 diagnosing  a diagnosis
+comparing   what changed between two recordings
 """

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from calibration.diagnosis.document import as_json
 from calibration.diagnosis.result import Diagnosis, of_each_recording
 from rig.recording import Recording, RecordingError
-from spinbench.api.frames import as_html
+from spinbench.api.frames import as_html, of_next_tests
 from spinbench.api.opened import Data, listed, opened_all
 
 if TYPE_CHECKING:
@@ -113,10 +113,7 @@ class DiagnosisResult:
     @cached_property
     def next_tests(self) -> pd.DataFrame:
         """Tests that would tell apart what is left open, the one that tells most first."""
-        import pandas as pd
-
-        columns = ["test", "separates", "information_nats", "command"]
-        return pd.DataFrame(self.document["next_tests"], columns=columns)
+        return of_next_tests(self.document)
 
     def plot(self, recording: str | None = None) -> Figure:
         """Residuals before and after, and what else the report shows first.

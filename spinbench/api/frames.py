@@ -117,6 +117,12 @@ def of_events(run: Run | None) -> pd.DataFrame:
     return with_units(pd.DataFrame(rows, columns=["time_s", "utc", "event", "details"]))
 
 
+def of_next_tests(document: Mapping[str, Any]) -> pd.DataFrame:
+    """The tests that a diagnosis or a comparison asks for."""
+    columns = ["test", "separates", "information_nats", "range_nats", "repeats", "command"]
+    return pd.DataFrame(document["next_tests"], columns=columns)
+
+
 def as_html(title: str, sentences: Sequence[str], *tables: pd.DataFrame) -> str:
     """A title, sentences and tables for a notebook; all text in them is escaped."""
     parts = [f"<p><strong>{html.escape(title)}</strong></p>"]

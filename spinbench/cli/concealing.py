@@ -32,7 +32,7 @@ def reveal(
     if found is not None:
         remark(*revealing.refuse_of_another(contents, found))
     scored = None if found is None else revealing.score(contents, found)
-    data = files.json_bytes({"format": "reveal/1", **contents, "score": scored})
+    data = files.json_bytes({**contents, "format": "reveal/1", "score": scored})
     if takes_output(data, json_file):
         return
     for words in (*revealing.in_words(contents), *([] if scored is None else revealing.score_in_words(scored))):

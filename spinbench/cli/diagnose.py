@@ -144,41 +144,26 @@ def compare(
 ) -> None:
     """Say what changed from one recording of a motor to another, or that nothing did; 0 whatever the answer."""
     from calibration.data.rows_used import few_used
-    from calibration.diagnosis import changes
-    from calibration.diagnosis.changes_document import as_json
     from calibration.report.comparison import page, words
     from calibration.report.diagnosis.words import steps_in_words
     from rig.recording import files
+    from spinbench.api import comparing
 
     check_places(out, json_file)
-    parts = _both(before, after, left_out or [], logs)
+    given = [readings.read(readings.folder_named(named, logs)) for named in (before, after)]
+    parts, notes = comparing.both(given[0], given[1], left_out or [])
+    remark(*notes)
     with diagnosing("comparison") as tell:
-        found = changes.compare(parts[0], parts[1], seed, tell, min(2, os.cpu_count() or 1))
-        document = as_json(found)
-        data = files.json_bytes(document)
+        found = comparing.compared(parts, notes, seed, tell, min(2, os.cpu_count() or 1))
+        data = files.json_bytes(found.document)
         if out is not None:
             tell("report")
-            write_report(out, {page.JSON: data} | page.report(found, document), page.JSON)
-    deliver(data, [words.table(document)], json_file)
-    print(words.sentence(document), file=sys.stderr)
-    remark(*few_used(document["files"]), steps_in_words(found.seconds))
+            write_report(out, {page.JSON: data} | page.report(found.found, found.document), page.JSON)
+    deliver(data, [words.table(found.document)], json_file)
+    print(found.sentence, file=sys.stderr)
+    remark(*few_used(found.document["files"]), steps_in_words(found.found.seconds))
     if out is not None:
         remark(f"the report is {out / 'report.html'}")
-
-
-def _both(before: Path, after: Path, left_out: Sequence[str], logs: Path) -> list[Recording]:
-    """The two recordings of a comparison, with remarks on them."""
-    from calibration.data.dates import date_of
-    from calibration.data.left_out import without
-
-    parts = [readings.read(readings.folder_named(named, logs)) for named in (before, after)]
-    readings.refuse_twice(parts)
-    parts = without(parts, left_out)
-    remark(*(warning for part in parts for warning in part.warnings))
-    dates = [date_of(part) for part in parts]
-    if dates[0] and dates[1] and dates[0] > dates[1]:
-        remark(f"{parts[1].folder} is the earlier one by its date; before and after are told in the order given")
-    return parts
 
 
 def _pages(page: Any, diagnosis: Any, found: Mapping[str, Any]) -> dict[str, bytes]:

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.bench import Bench
-from rig.by_hand.by_hand import is_manual, manual_device
+from rig.by_hand.by_hand import faces_of, is_manual
 from rig.by_hand.conversation import COMMANDS, MOST_CHARACTERS, WAIT
 from rig.by_hand.manual import CLOSED
 from rig.by_hand.prompter import PRESSURE_NOW
-from rig.instruments.manual import NOT_READ, EntryError, decode_entry, example
+from rig.instruments.manual import NOT_READ, EntryError, decode_entry, example, quantity, unit_on_face
 from spinbench.console.access import RefusedError
 
 SAID = ".console-sweep.txt"  # in the logs folder: what the run that was started last has said
@@ -34,7 +34,7 @@ class Entries:
     """Of a bench whose valve a person sets. Its methods may be called from several threads."""
 
     def __init__(self, bench: Bench, logs: Path) -> None:
-        self.channels = dict(bench.build(manual_device(bench)).channels) if is_manual(bench) else {}
+        self.channels = dict(faces_of(bench)) if is_manual(bench) else {}
         self._pressure = bench.file.roles.pressure.partition(".")[2]
         self._said, self.pipe = logs / SAID, logs / PIPE
         self._lock = threading.Lock()
@@ -117,12 +117,10 @@ class Entries:
 
     def _field(self, name: str) -> dict[str, Any]:
         channel = self.channels[name]
-        quantity = name.partition("_")[0]
-        of = {"abs": " abs", "gauge": " gauge"}.get(name.rpartition("_")[2], "")
         return {
             "name": name,
-            "label": quantity,
-            "unit": channel.unit + of,
+            "label": quantity(name),
+            "unit": unit_on_face(name, channel),
             "low": channel.lowest,
             "high": channel.highest,
         }

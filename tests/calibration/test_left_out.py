@@ -38,8 +38,8 @@ def test_rows_that_are_left_out_count_nowhere_and_the_report_says_so(bench, spin
         {"file": "sweep.csv", "rows": 26, "rows_used": 22, "why": "4 rows: left out by --without"}
     ]
     page = (bench / "out" / "report.html").read_text()
-    assert "sweep.csv:4-6,7: left out (--without)" in page
-    assert "coast_down.csv: left out (--without)" in page
+    assert "sweep.csv:4-6,7: left out, as asked" in page
+    assert "coast_down.csv: left out, as asked" in page
 
 
 @pytest.mark.long
@@ -91,7 +91,7 @@ def test_a_diagnosis_without_a_level_says_so(bench, spinbench_here):
     left_out = told(bench, spinbench_here, "--without", "coast_down.csv", "--without", "sweep.csv:1.4bar,4-7")
     (file,) = left_out["files"]
     assert file["rows"] - file["rows_used"] >= 5 and file["why"].endswith("rows: left out by --without")
-    assert "sweep.csv:1.4bar,4-7: left out (--without)" in (bench / "out" / "report.html").read_text()
+    assert "sweep.csv:1.4bar,4-7: left out, as asked" in (bench / "out" / "report.html").read_text()
 
 
 BAD = {

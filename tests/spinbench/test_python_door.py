@@ -15,6 +15,7 @@ from calibration.systems.machines.system import systems
 from spinbench.api.arviz_data import arviz_module
 from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.documented_python import cells_of
+from tests.documents import check
 from tests.rig_recordings import rotor
 from tests.synthetic_runs import write_sweep
 
@@ -144,7 +145,7 @@ def test_a_fit_is_a_table_and_samples_with_units(post):
     assert row["q05"] < row["q50"] < row["q95"]
     assert post.samples["f_overall"].mean() == pytest.approx(row["mean"])
     assert post.samples.attrs["units"]["f_overall"] == "N m s"
-    assert post.as_json()["format"] == "posterior/1"
+    check(post.as_json())
     assert post.sentence.startswith("f_overall is 0.06")
 
 
@@ -223,6 +224,19 @@ def test_a_recording_that_is_given_twice_is_refused():
             call({})
 
 
+@pytest.mark.parametrize(
+    ("after", "kind", "says"),
+    [
+        ("published_sweep", sb.RecordingError, "given twice"),
+        (["published_sweep"], TypeError, "a list is no recording; give a path"),
+        ("nowhere", sb.RecordingError, "there is no folder 'nowhere'"),
+    ],
+)
+def test_what_cannot_be_compared_is_told_in_a_sentence(after, kind, says):
+    with pytest.raises(kind, match=says):
+        sb.compare("published_sweep", after)
+
+
 def test_what_is_held_out_is_one_recording(put_recording):
     one, two = (put_recording(("sweep.csv", "steady", CENSORED), name=name) for name in ("one", "two"))
     (two / "sweep.csv").write_text(CENSORED.replace("44.0", "45.0"), encoding="utf-8")
@@ -254,7 +268,7 @@ def test_a_diagnosis_says_what_is_missing_with_its_size():
     assert (size["parameter"], size["unit"]) == ("torque_nm", "N m")
     assert size["q05"] < 0.02 < size["q95"]
     assert found.sets["effects"].iloc[0] == "coulomb_friction"
-    assert found.document["format"] == "diagnosis/1"
+    check(found.document)
     assert "dry friction" in found._repr_html_()
     assert found.plot()._repr_png_().startswith(PNG)
 

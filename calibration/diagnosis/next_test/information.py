@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -73,10 +74,20 @@ def _slope(at: Callable[[np.ndarray], np.ndarray], place: np.ndarray, now: np.nd
     return found
 
 
-def given_nats(
-    read: Sequence[Expected], probabilities: Sequence[float], repeats: int = 1
-) -> tuple[float, dict[tuple[int, int], float]]:
-    """What a test will give: over the pairs together, and of each pair where one of the two is true.
+class Given(NamedTuple):
+    """What a test will give [nats]: over the pairs together, and of each pair where one of the two is true.
+
+    `lowest`, `highest`: over the pairs together, where the explanation is true for which it gives least, and most.
+    """
+
+    whole: float
+    of_pair: dict[tuple[int, int], float]
+    lowest: float
+    highest: float
+
+
+def given_nats(read: Sequence[Expected], probabilities: Sequence[float], repeats: int = 1) -> Given:
+    """What a test will give, its own readings being without noise.
 
     The readings are those of each explanation at its most probable point. What they add to the log odds of a pair is
     counted for the true one. Over the pairs together it is as often more as less, each explanation being true as often
@@ -94,7 +105,8 @@ def given_nats(
     for i, j in weights:
         by[i, j][[i, j]] = density[i, i] - density[i, j], density[j, j] - density[j, i]
     whole = sum(weights[pair] * by[pair] for pair in weights)
-    return _median(whole, probabilities), {pair: float(np.mean(by[pair][list(pair)])) for pair in weights}
+    of_pair = {pair: float(np.mean(by[pair][list(pair)])) for pair in weights}
+    return Given(_median(whole, probabilities), of_pair, float(whole.min()), float(whole.max()))
 
 
 def _median(values: np.ndarray, weights: Sequence[float]) -> float:

@@ -14,7 +14,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from calibration.diagnosis.next_test.information import given_nats, repeats_needed
+from calibration.diagnosis.next_test.information import Given, given_nats, repeats_needed
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.expected import Capture, Test
@@ -33,6 +33,7 @@ class NextTest:
     `repeats`: that bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
     `needs`: the instrument that it needs and the bench may not have; empty otherwise.
     `capture`: what is taken; None where the bench cannot take it by itself.
+    `range_nats`: where the rival is true for which it gives least, and most [-].
     """
 
     test: str
@@ -41,6 +42,7 @@ class NextTest:
     repeats: int | None = None
     needs: str = ""
     capture: Capture | None = None
+    range_nats: tuple[float, float] | None = None
 
 
 def propose(comparison: Compared, rivals: Sequence[Candidate]) -> list[NextTest]:
@@ -55,10 +57,7 @@ def propose(comparison: Compared, rivals: Sequence[Candidate]) -> list[NextTest]
     return [replace(one, repeats=_repeats(found[one.test][1])) for one in best]
 
 
-Given = Callable[[int], tuple[float, dict[tuple[int, int], float]]]
-
-
-def weigh(test: Test, rivals: Sequence[Candidate]) -> tuple[NextTest, Given] | None:
+def weigh(test: Test, rivals: Sequence[Candidate]) -> tuple[NextTest, Callable[[int], Given]] | None:
     """A test, and what a number of its repeats would give; None where it cannot be simulated."""
     try:
         read = test.expected([one.mode for one in rivals])
@@ -67,19 +66,20 @@ def weigh(test: Test, rivals: Sequence[Candidate]) -> tuple[NextTest, Given] | N
     if not all(np.isfinite(one.mean).all() and np.isfinite(one.slopes).all() for one in read):
         return None  # a model far from the readings: no test follows from it
     given = cache(partial(given_nats, read, [one.probability for one in rivals]))
-    whole, nats = given(1)
-    separates = tuple(dict.fromkeys(rivals[i].names for pair in _told(nats) for i in pair))
-    return NextTest(test.words, separates, round(whole, 2), None, test.needs, test.capture), given
+    once = given(1)
+    separates = tuple(dict.fromkeys(rivals[i].names for pair in _told(once.of_pair) for i in pair))
+    least_and_most = (round(once.lowest, 2), round(once.highest, 2))
+    return NextTest(test.words, separates, round(once.whole, 2), None, test.needs, test.capture, least_and_most), given
 
 
 def _told(nats: Mapping[tuple[int, int], float]) -> list[tuple[int, int]]:
     return [pair for pair in nats if nats[pair] > LEAST_NATS]
 
 
-def _repeats(given: Given) -> int | None:
+def _repeats(given: Callable[[int], Given]) -> int | None:
     """How often a test has to be made to tell apart for certain what it separates; None where no number does."""
-    told = _told(given(1)[1])
-    return repeats_needed(lambda n: min(given(n)[1][pair] for pair in told)) if told else None
+    told = _told(given(1).of_pair)
+    return repeats_needed(lambda n: min(given(n).of_pair[pair] for pair in told)) if told else None
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from calibration.data.rows_used import few_used
 from calibration.diagnosis.result import Diagnosis
@@ -13,10 +13,14 @@ from calibration.report.along_dates import Panel, Point
 from calibration.report.comparison import words
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row
-from calibration.report.units import on_an_axis
+from calibration.report.style import png
+from calibration.report.units import CAUTION, on_an_axis, promise_in_short
 from calibration.unknowns.effects import changed, is_change, unchanged
 from model.effects import effects
 from rig.recording.dates import parsed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 JSON = "comparison.json"
 MOST, MOST_WIDE = 6, 38  # changes that are drawn, and characters of a line of their titles
@@ -24,8 +28,13 @@ MOST, MOST_WIDE = 6, 38  # changes that are drawn, and characters of a line of t
 
 def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     """Files of the report by name: ``report.html``, ``report.png``."""
-    drawn = along_dates.picture(panels(document))
+    drawn = png(picture(document))
     return {HTML: render("comparison.html.j2", context(found, document) | {"picture": inline(drawn)}), PNG: drawn}
+
+
+def picture(document: Mapping[str, Any]) -> Figure:
+    """The one picture of a comparison."""
+    return along_dates.drawn(panels(document))
 
 
 def panels(document: Mapping[str, Any]) -> list[Panel]:
@@ -62,6 +71,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "changes": _change_table(document),
         "sets": _set_table(document),
         "tests": _test_table(document),
+        "caution": CAUTION,
         "seen": _seen_table(found),
         "notes": [*few_used(document["files"]), *(w for part in problem.parts for w in part.recording.warnings)],
         "seconds": step_times(found.seconds),
@@ -111,7 +121,7 @@ def _test_table(document: Mapping[str, Any]) -> Grid:
         (
             f"{test['test']}: {test['command']}" if test["command"] else test["test"],
             in_a_row([[unchanged(name) for name in one.split("+")] for one in test["separates"]], "and"),
-            f"{test['information_nats']:.1f}",
+            promise_in_short(test),
         )
         for test in document["next_tests"]
     )

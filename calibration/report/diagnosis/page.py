@@ -18,7 +18,7 @@ from calibration.report.fit.words import LEAST_P, figure, probability, rounded
 from calibration.report.origin import origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row, title, titles
-from calibration.report.units import FAMILIAR, how_taken, on_an_axis
+from calibration.report.units import CAUTION, FAMILIAR, how_taken, on_an_axis, promise_in_short
 from model.effects import effects
 from model.effects.effect import EffectParameter
 from rig.recording.dates import parsed
@@ -101,6 +101,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "resolves": _resolve_table(found),
         "tests": _test_table(found, False),
         "apart": _test_table(found, True),
+        "caution": CAUTION,
         "promised": _promise_table(document),
         "notes": [*few_used(document.get("files", [])), *dict.fromkeys(problem.blocks.measured.notes)],
         "seconds": step_times(found.seconds),
@@ -270,18 +271,18 @@ def _resolve_table(found: Diagnosis) -> Grid:
 
 
 def _test_table(found: Diagnosis, apart: bool) -> Grid:
-    """Tests with what they would tell and the repeats that they take; those that need another instrument apart."""
+    """Tests with what they would tell and how often they have to be taken; those that need another instrument apart."""
     rows = tuple(
         (
             f"{test.test}: {how_taken(told)}",
             in_a_row([names or (NOTHING,) for names in test.separates], "and"),
-            f"{test.information_nats:.1f}",
+            promise_in_short(told),
             "some pair stays open" if test.repeats is None else str(test.repeats),
         )
         for test, told in zip(found.next_tests, next_tests_as_json(found.next_tests), strict=True)
         if bool(test.needs) == apart
     )
-    return Grid(("test", "tells apart", "nats", "repeats"), rows, 2)
+    return Grid(("test", "tells apart", "nats", "times to take it"), rows, 2)
 
 
 def _promise_table(document: Mapping[str, Any]) -> Grid:

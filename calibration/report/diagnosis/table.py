@@ -9,7 +9,7 @@ from calibration.diagnosis.steps.confirm import Predicted
 from calibration.report.diagnosis import words
 from calibration.report.render import findings
 from calibration.report.sets_in_words import titles
-from calibration.report.units import how_taken, nats_in_words
+from calibration.report.units import CAUTION, how_taken, nats_in_words, promise_in_words, times_to_take
 from model.effects import effects
 
 if TYPE_CHECKING:
@@ -48,9 +48,9 @@ def tests(found: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The tests that are asked for, each with its command or why there is none."""
     rows = []
     for test in found["next_tests"][: words.MOST_ROWS]:
-        rows.append(("next test", f"{test['test']} ({nats_in_words(test['information_nats'])})"))
-        rows.append(("", how_taken(test)))
-    return rows
+        rows.append(("next test", f"{test['test']} ({promise_in_words(test)})"))
+        rows += [("", times_to_take(test)), ("", how_taken(test))]
+    return [*rows, ("note", CAUTION)] if rows else rows
 
 
 def figures(effect: Mapping[str, Any]) -> str:

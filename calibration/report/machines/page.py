@@ -14,6 +14,7 @@ from calibration.report.machines.picture import picture
 from calibration.report.origin import origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row
+from calibration.report.units import CAUTION, promise_in_short
 from model.effects import effects
 
 MOST = 12  # rows of a table
@@ -45,6 +46,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         ),
         "held_out": words.held_out_in_words(document),
         "friction": Grid(("viscous friction, or its like", "mean ± sd"), tuple(words.friction_in_words(document))),
+        "caution": CAUTION,
         "tests": Grid(("test", "tells", "nats"), tuple(_tests(document)), 2),
         "nuisances": Grid(("what is free beside it", "mean ± sd"), tuple(_nuisances(document))),
         "noise": Grid(
@@ -68,7 +70,7 @@ def _p(value: float) -> str:
 
 def _tests(document: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return [
-        (t["test"], in_a_row([one.split("+") for one in t["separates"]], "and"), f"{t['information_nats']:.1f}")
+        (t["test"], in_a_row([one.split("+") for one in t["separates"]], "and"), promise_in_short(t))
         for t in document["next_tests"][:MOST]
     ]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibration.report.render import findings
 from calibration.report.sets_in_words import in_a_row, titles
-from calibration.report.units import nats_in_words
+from calibration.report.units import CAUTION, promise_in_words, times_to_take
 from model.effects import effects
 from model.layout import L_MIN
 
@@ -63,8 +63,8 @@ def table(document: Mapping[str, Any]) -> Table:
         rows.append((f"held out, {document['improvement']['held_out']['scheme']}" if i == 0 else "", said))
     rows += friction_in_words(document)
     for test in document["next_tests"][:MOST_ROWS]:
-        rows.append(("next test", f"{test['test']} ({nats_in_words(test['information_nats'])})"))
-    return findings(rows)
+        rows += [("next test", f"{test['test']} ({promise_in_words(test)})"), ("", times_to_take(test))]
+    return findings([*rows, ("note", CAUTION)] if document["next_tests"] else rows)
 
 
 def held_out_in_words(document: Mapping[str, Any]) -> list[str]:

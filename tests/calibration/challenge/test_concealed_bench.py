@@ -45,6 +45,7 @@ from rig.virtual import VirtualBenchError, launch
 from rig.virtual.plant.truth import LineTruth
 from spinbench import readings
 from spinbench.earlier import made_of as recordings_of
+from tests.documents import check
 from tests.five_on_three import five_on_three
 from tests.synthetic_runs import write_sweep
 from tests.virtual_benches import MODBUS, bench
@@ -385,7 +386,9 @@ def test_reveal_tells_what_was_concealed_and_scores_a_diagnosis(tmp_path, reveal
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("windage: A drag of ")
     assert "The diagnosis is right: it said named, and windage was concealed." in done.stdout
-    assert json.loads((tmp_path / "reveal.json").read_text())["score"]["score"] == "right"
+    revealed = json.loads((tmp_path / "reveal.json").read_text())
+    check(revealed)
+    assert (revealed["format"], revealed["score"]["score"]) == ("reveal/1", "right")
 
 
 def of_a_recording(date="2999-01-01", note="run evening, bench virtual", folder="out/run"):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import spinbench as sb
 import tests.diagnosis_recordings as recordings
 from calibration.diagnosis import changes
 from calibration.diagnosis.changes_document import as_json
@@ -20,6 +21,7 @@ from calibration.systems.several.sharing import Sharing
 from model.motor import Motor, read_motor
 from rig.recording import Recording, read_recording
 from tests.commands import spinbench
+from tests.documents import check
 
 pytestmark = pytest.mark.long
 
@@ -142,6 +144,22 @@ def test_an_instruments_error_explains_a_change_unless_it_is_the_same_instrument
     assert "inertia_changed" not in weighed_too  # without a run in time nothing is said of it
 
 
+def check_python(since: sb.ComparisonResult, found: dict) -> None:
+    """What Python gives is what the command wrote, with a table and a picture."""
+    check(found)
+    assert since.document == found
+    assert (since.verdict, since.changed, since.p_value) == ("changed", ["f_overall"], found["mismatch"]["p_value"])
+    assert since.unchanged_probability == found["unchanged_probability"]
+    row = since.table.iloc[0]
+    assert (row["changed"], row["parameter"], row["unit"], row["listed"]) == ("f_overall", "f_overall", "N m s", True)
+    for when in ("before", "after", "change"):
+        assert row[f"{when}_q05"] == figures(found, "f_overall", "f_overall")[when]["q05"]
+    assert since.sets["changed"].iloc[0] == "f_overall"
+    assert len(since.next_tests) == len(found["next_tests"])
+    assert since.sentence in repr(since) and since.sentence in since._repr_html_()
+    assert since.plot()._repr_png_().startswith(b"\x89PNG")
+
+
 def test_a_motor_with_more_friction_is_told_with_how_much_in_json_and_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -159,6 +177,7 @@ def test_a_motor_with_more_friction_is_told_with_how_much_in_json_and_page(
     assert friction["change"]["q05"] < 0.15 * TRUE < friction["change"]["q95"]
     assert friction["before"]["q05"] < TRUE < friction["before"]["q95"]
     assert "What changed is f_overall" in done.stderr
+    check_python(sb.compare(tmp_path / "may", sb.open(tmp_path / "june")), found)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "N m s" in page and "may and june" in page
     assert (tmp_path / "out" / "report.png").read_bytes().startswith(b"\x89PNG")

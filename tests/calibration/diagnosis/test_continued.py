@@ -17,6 +17,7 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.expected import Capture
 from rig.recording import read_recording, write_recording
 from tests.calibration.diagnosis.test_several_recordings import FRICTION, on_another_day
+from tests.documents import check
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,7 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
     done = spinbench_here("diagnose", "--continue", "first", "flywheel", "-o", "second", cwd=asked)
     assert done.returncode == 0, done.stderr
     second = json.loads((asked / "second" / "diagnosis.json").read_text())
+    check(second)
     assert [one["folder"] for one in second["recordings"]] == ["../swept", "../flywheel"]
     assert ["coulomb_friction"] in [[one["id"] for one in second["effects"]], *second["alternatives"]]
     assert len(second["promised"]) == 1, done.stderr

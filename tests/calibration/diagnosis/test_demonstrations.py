@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.documents import check
+
 ROOT = Path(__file__).resolve().parents[3]
 RECORDINGS = Path(os.environ.get("SPINBENCH_RECORDINGS", ROOT.parent / "shared" / "recordings"))
 
@@ -31,6 +33,7 @@ def test_a_demonstration_is_repeated_by_one_command(tmp_path: Path, name: str, v
     told = demonstrate(name, RECORDINGS, "--out", tmp_path)
     assert told.stdout.endswith(f"demonstrate: {name}: {tmp_path / name / 'result'}\n")
     found = json.loads((tmp_path / name / "result" / "diagnosis.json").read_text(encoding="utf-8"))
+    check(found)
     assert found["verdict"] == verdict
     if name == "emps":  # the figures of docs/real-recordings.md
         size = found["effects"][0]["parameters"]["torque_nm"]

@@ -39,6 +39,7 @@ from calibration.report.diagnosis import page as diagnosis_page
 from calibration.report.diagnosis import sets as diagnosis_sets
 from calibration.report.diagnosis import table as diagnosis_table
 from calibration.report.diagnosis import words as diagnosis_words
+from calibration.report.units import CAUTION
 from calibration.systems.radial_piston.predict.problem import Problem
 from rig.recording import read_recording
 from tests import browser
@@ -94,7 +95,7 @@ def confounded(found: Diagnosis) -> Diagnosis:
     verdict = Verdict("confounded", found.verdict.chosen, (rival,), 0.6, "several sets explain it")
     names = (("leakage",), rival)
     tests = [
-        NextTest("coast-down from 1.8 bar", names, 2.0, 3),
+        NextTest("coast-down from 1.8 bar", names, 2.0, 3, range_nats=(0.3, 12.0)),
         NextTest("spin-up to 2.4 bar", names, 0.4),
         NextTest("read the flow beside a reference", names, 9.0, 1, "a reference flow meter"),
     ]
@@ -345,12 +346,16 @@ def test_a_confounded_page_sets_the_rivals_side_by_side_with_the_test_that_parts
     assert "Most likely “air that does no work (leakage)”; also possible: " in said
     assert "<p>Either “air that does no work (leakage)”: " in said
     assert "<p>Or " in said
-    assert re.search(r"<td>coast-down from 1\.8 bar: no.*?</td>.*?2\.0</td><td class=\"n\">3</td>", said)
+    assert re.search(
+        r"<td>coast-down from 1\.8 bar: no.*?</td>.*?2\.0 \(0\.3 to 12\.0\)</td><td class=\"n\">3</td>", said
+    )
     assert re.search(
         r"<td>spin-up to 2\.4 bar: no.*?</td>.*?0\.4</td><td class=\"n\">some pair stays open</td>",
         said,
     )
     assert said.index("spin-up to 2.4 bar") < said.index("With another instrument:") < said.index("beside a reference")
+    assert ">times to take it</th>" in said
+    assert CAUTION in said
     assert "Excluded" not in said
 
 
@@ -358,13 +363,18 @@ def test_a_test_is_told_with_its_odds_and_its_command_or_why_there_is_none(leak)
     told = confounded(leak)
     taken = dataclasses.replace(told.next_tests[0], capture=Capture("coast-down", 1.8))
     rows = diagnosis_table.tests(as_json(dataclasses.replace(told, next_tests=[taken, *told.next_tests[1:]])))
+    between = "0.3 to 12.0, depending on which explanation is right"
     assert rows == [
-        ("next test", "coast-down from 1.8 bar (2.0 nats: odds of 7.4 to 1)"),
+        ("next test", f"coast-down from 1.8 bar (2.0 nats: odds of 7.4 to 1; {between})"),
+        ("", "take it 3 times: each two are then parted, on average with 150 : 1"),
         ("", "spinbench capture BENCH --kind coast-down --level-bar-abs 1.8"),
         ("next test", "spin-up to 2.4 bar (0.4 nats: odds of 1.5 to 1)"),
+        ("", "however often it is taken, some pair stays open"),
         ("", "no command: take it by hand"),
         ("next test", "read the flow beside a reference (9.0 nats: odds of 8100 to 1)"),
+        ("", "take it once: each two are then parted, on average with 150 : 1"),
         ("", "no command: it needs a reference flow meter"),
+        ("note", CAUTION),
     ]
 
 

@@ -15,6 +15,7 @@ from calibration.systems.look_up import compared
 from calibration.systems.several.sharing import Sharing, own_of_each
 from rig.recording import read_recording
 from tests.commands import spinbench
+from tests.documents import check
 
 LEAK = {"first": 1e-14, "second": 3e-14}  # kg/(s Pa2)
 DATES = {"first": "2026-03-02", "second": "2026-01-20"}
@@ -39,6 +40,7 @@ def test_each_recording_has_its_own_size_and_one_effect_is_named(two_days: Path,
     )
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    check(found)
     assert [one["id"] for one in found["effects"]] == ["leakage"]
     effect = found["effects"][0]
     assert effect["parameters"] == {}

@@ -15,6 +15,7 @@ from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError, read_recording, write_recording
+from tests.documents import check
 
 FRICTION = {"coulomb_friction": {"torque_nm": 0.08}}
 ROTOR = read_motor("ptm3600").si("inertia")
@@ -64,6 +65,7 @@ def two_days(tmp_path_factory: pytest.TempPathFactory, spinbench_anywhere) -> Pa
 
 def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path) -> None:
     both = json.loads((two_days / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    check(both)
     assert both["verdict"] == "consistent"
     assert both["f_overall_after"]["q05"] < read_motor("ptm3600").si("f_overall") < both["f_overall_after"]["q95"]
     days = [read_recording(two_days / name) for name in ("first", "second")]

@@ -24,6 +24,7 @@ from model.motor import read_motor
 from model.solvers import steady
 from rig.recording import Column, read_recording, write_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
+from tests.documents import check
 
 ROOT = Path(__file__).resolve().parents[3]
 PUBLISHED = ROOT / "logs" / "published_sweep"
@@ -80,7 +81,7 @@ def test_the_json_is_posterior_1(published):
         "files",
         "seconds",
     ]
-    assert data["format"] == "posterior/1"
+    check(data)
     assert {"f_overall", "port_lap", "roller_friction", "pressure_offset", "flow_scale"} <= set(data["parameters"])
     for parameter in data["parameters"].values():
         assert set(parameter) == {"unit", "mean", "sd", "q05", "q50", "q95"}

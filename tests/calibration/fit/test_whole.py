@@ -26,6 +26,7 @@ from model.motor import read_motor
 from rig.recording import read_recording
 from tests.densities import log_normal
 from tests.diagnosis_recordings import add_coast_down, sweep
+from tests.documents import check
 
 SPINBENCH = Path(sys.executable).with_name("spinbench")
 BRIEF = ("--effective-samples", "400")
@@ -98,7 +99,7 @@ def test_what_is_of_a_day_has_its_name_and_what_is_shared_has_none(found):
 @pytest.mark.long
 @pytest.mark.slow
 def test_its_json_is_posterior_1_with_every_file(found):
-    assert found["format"] == "posterior/1"
+    check(found)
     assert found["convergence"]["rhat_max"] <= 1.01 and found["convergence"]["ess_min"] >= 400
     assert found["fit_quality"]["model_fits"] is True
     files = {file["file"]: file["rows_used"] for file in found["files"]}

@@ -527,6 +527,21 @@ def test_off_the_scale_is_a_limit(word, value, side):
     assert (found.value, found.censored, found.quality) == (value, side, Quality.MANUAL)
 
 
+FACES = {
+    "pressure_bar_gauge": ChannelFile(unit="kPa", lowest=0.0, highest=600.0),
+    "flow_l_min": ChannelFile(unit="m3/h", lowest=0.6, highest=6.0),
+}
+
+
+def test_a_person_is_asked_for_what_stands_on_the_faces_and_it_becomes_the_columns_unit():
+    assert manual.example(FACES) == "pressure [kPa gauge], flow [m3/h], separated by spaces"
+    pressure, flow = manual.decode_entry("180 <0.6", FACES).values()
+    assert (pressure.value, pressure.raw, pressure.detail) == (pytest.approx(1.8), "180", "typed in kPa")
+    assert (flow.value, flow.censored) == (pytest.approx(10.0), -1)
+    with pytest.raises(manual.EntryError, match="601 kPa is above the scale; type >600"):
+        manual.decode_entry("601 3", FACES)
+
+
 def test_a_dash_is_a_gap():
     assert manual.decode_entry("2.00 - 394", COLUMNS)["flow_l_min"].value is None
 

@@ -707,6 +707,20 @@ def test_a_person_is_asked_again_until_the_entry_can_be_read(bench):
     assert b"write the decimals after a dot" in peer.requests[1]
 
 
+def test_what_is_typed_in_the_unit_of_a_face_is_logged_in_the_columns(bench):
+    faces = read_instrument("manual_bench").model_dump()["channels"]
+    faces["pressure_bar_abs"] |= {"unit": "psi", "highest": 87.0, "bias_sd": 0.8}
+    driver = person(timeout_s=1.0, channels=faces)
+    line, _ = bench(driver, lambda prompt: b"29 72 394\n")
+    pressure = driver.poll(line)[0]
+    assert (pressure.value, pressure.unit) == (pytest.approx(1.99948, abs=1e-5), "bar")
+    figures = driver.channels["pressure_bar_abs"]
+    assert (figures.unit, figures.bias_sd) == ("bar", pytest.approx(0.055158, abs=1e-6))
+    assert figures.highest == pytest.approx(5.99844, abs=1e-5)
+    with pytest.raises(ValueError, match="'furlong' is not known for pressure_bar_abs: one of bar, mbar"):
+        person(channels=faces | {"pressure_bar_abs": faces["pressure_bar_abs"] | {"unit": "furlong"}})
+
+
 def test_a_person_who_went_home_is_a_gap(bench):
     driver = person(timeout_s=0.02)
     line, _ = bench(driver)

@@ -47,7 +47,7 @@ def test_what_nobody_said_is_asked_with_its_unit(unknown):
     assert room.pressure_bar_abs == pytest.approx(0.9985)
     assert (room.temperature_c, room.relative_humidity) == (21.5, pytest.approx(0.45))
     assert (room.lubrication, room.minutes_running) == ("WD-40, this morning", 20.0)
-    assert "[mbar]" in person.prompts[0]
+    assert "[mbar;" in person.prompts[0]
     assert "[degC]" in person.prompts[1]
     assert "[%]" in person.prompts[2]
 
@@ -56,6 +56,12 @@ def test_an_implausible_answer_is_asked_again_with_the_reason(unknown):
     person = Person("1.013", "1013", "20", "50", "", "0")
     assert at_start(unknown, ask=person).pressure_bar_abs == pytest.approx(1.013)
     assert "1.013 mbar is not plausible (500 to 1200" in person.prompts[1]
+
+
+@pytest.mark.parametrize("typed", ["1009 mbar", "1009hPa", "100.9 kPa", "1.009 bar", "14.63430 psi"])
+def test_a_barometer_may_have_another_unit_that_is_typed_too(unknown, typed):
+    person = Person(typed, "20", "50", "", "0")
+    assert at_start(unknown, ask=person).pressure_bar_abs == pytest.approx(1.009, abs=1e-6)
 
 
 def test_a_decimal_comma_is_asked_again(unknown):

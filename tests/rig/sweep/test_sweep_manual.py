@@ -34,7 +34,7 @@ from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
 from rig.sweep.hooks import expecting
 from rig.sweep.planning import sweep_course
-from tests.person import answer
+from tests.person import answer, dial_in_kpa
 from tests.sweep_hooks import hooks
 
 GIVEN = Given(1.01325, 20.0, 0.5, "none", 0.0)
@@ -48,8 +48,8 @@ def dials(bar_abs):
     return answer(bar_abs, point.flow_l_min, point.speed_rpm)
 
 
-def bench_of(levels=(1.6, 1.8), **sweep):
-    bench = read_bench("manual")
+def bench_of(levels=(1.6, 1.8), bench=None, **sweep):
+    bench = bench or read_bench("manual")
     table = bench.file.sweep.model_copy(update={"levels_bar_abs": list(levels), "order": "up", "dwell_s": 0.3, **sweep})
     object.__setattr__(bench, "file", bench.file.model_copy(update={"sweep": table}))
     return bench
@@ -129,7 +129,7 @@ class Session:
         return [event.details for event in self.read().events if event.event == kind]
 
 
-ENTRY = r"speed_rpm \[rpm\], separated by spaces: "
+ENTRY = r"speed \[rpm\], separated by spaces: "
 AFTER = r"pressure now\? .*\) "
 CLOSED = r"Is it closed.*\) "
 
@@ -174,7 +174,7 @@ def whole(tmp_path_factory):
         terminal.expect("write the decimals after a dot")
         terminal.expect(ENTRY)
         terminal.type("")  # it is set: count down
-        terminal.expect(r"wait: 1 s over\r\n  pressure_bar_abs")
+        terminal.expect(r"wait: 1 s over\r\n  pressure \[bar abs\]")
         assert not re.search(r"\r[^\n]", terminal.seen)  # nothing is written over
         terminal.unread = terminal.seen[-200:]
         terminal.expect(ENTRY)
@@ -291,6 +291,28 @@ def test_a_replay_of_the_wire_gives_the_same_readings_and_asks_the_same(whole):
 @pytest.fixture
 def session(tmp_path):
     return Session(tmp_path, bench_of())
+
+
+def test_a_dial_in_another_unit_is_set_asked_for_and_read_in_that_unit(tmp_path):
+    session = Session(tmp_path, bench_of([1.6], dial_in_kpa(tmp_path)))
+    asks = r"\n  pressure \[kPa gauge\], flow \[L/min\], speed \[rpm\], separated by spaces: "
+    with session as terminal:
+        terminal.expect(asks)
+        terminal.type("0 <10 0")
+        terminal.expect(r"set 1\.600 bar abs = 0\.587 bar gauge = 58\.6[78] kPa gauge on the dial" + r"[^\n]*" + asks)
+        terminal.type(dials(1.6).replace("1.60", "0.59", 1))
+        terminal.expect(r"\? 1\.019 bar abs was typed where 1\.6 was expected")  # bar, on a dial in kPa
+        terminal.expect(asks)
+        terminal.type(dials(1.6).replace("1.60", "59", 1))
+        terminal.expect(r"pressure now\? \[kPa gauge\] .*\) ")
+        terminal.type("58")
+        terminal.expect("CLOSE THE VALVE")
+        terminal.expect(CLOSED)
+        terminal.type("")
+        terminal.expect(asks)
+        terminal.type("0 <10 0")
+    (plateau,) = session.read().plateaus
+    assert plateau.means["pressure_bar_gauge"].mean == pytest.approx(0.585)
 
 
 def test_stop_says_close_the_valve_and_waits_for_the_answer(session):

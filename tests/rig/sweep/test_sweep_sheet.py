@@ -12,6 +12,7 @@ from rig.exchange.export import recording_of
 from rig.replay.player import Player
 from rig.runlog import RunWriter, read_run, start_record
 from rig.sweep.ambient import Given, at_start
+from tests.person import dial_in_kpa
 
 HEADER = "time,level_bar_abs,direction,pressure_bar_abs,flow_l_min,speed_rpm,pressure_bar_abs_after,note\n"
 FILLED = (
@@ -155,7 +156,17 @@ def test_another_bench_s_sheet_is_refused_by_its_header(bench):
 
 
 def test_the_columns_are_those_of_the_instrument_s_file(bench):
-    assert ",".join(sheet_columns(bench)) + "\n" == HEADER
+    assert ",".join(sheet_columns(bench).values()) + "\n" == HEADER
+
+
+def test_a_sheet_is_headed_with_the_units_of_the_faces_and_read_in_them(tmp_path):
+    bench = dial_in_kpa(tmp_path)
+    head = print_sheet(bench).partition("\n")[0]
+    assert "pressure_bar_gauge [kPa],flow_l_min,speed_rpm,pressure_bar_gauge_after [kPa]" in head
+    page = print_page(bench)
+    assert "pressure after [kPa gauge]" in page and "dial: 58.6" in page
+    (row,) = read_sheet(f"{head}\n14:05,1.6,up,58.7,44,232.3,58.9,\n", bench)
+    assert (row.entry, row.after) == ("58.7 44 232.3", "58.9 - -")
 
 
 ROOM = ["--ambient-pressure-bar-abs", "1.009", "--ambient-temperature-c", "21", "--relative-humidity", "0.5"]
@@ -190,7 +201,7 @@ def test_a_sheet_is_held_to_what_the_prompt_is_held_to_and_all_is_told_at_once(e
     lines = told.stderr.splitlines()
     assert [line.partition("row ")[2].partition(":")[0] for line in lines] == ["2", "3", "4", "5", "6", "7"]
     assert "speed_rpm: a speed of 3143 rpm is beyond the bench's limit of 600 rpm" in lines[0]
-    assert "pressure_bar_abs: 0.80 is not above the room's 1.009 bar, yet the rotor turns" in lines[2]
+    assert "pressure_bar_abs: 0.8 bar is not above the room's 1.009 bar, yet the rotor turns" in lines[2]
     assert "speed_rpm: a speed of 32.8 rpm is far from what was expected" in lines[3]
     assert "--as-read" in lines[3]
     assert "pressure_bar_abs_after: 1.050 bar abs was typed where 1.85 was expected" in lines[4]
