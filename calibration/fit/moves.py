@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import gammaln
 
 from calibration.fit.peak import BatchLogProb
 from calibration.fit.transport import TransportMap
@@ -20,7 +21,27 @@ if TYPE_CHECKING:
 STEPS = 24  # that a stand-in walks, where the true posterior takes a thousand times as long
 LOCAL, TURNS = 0.4, (0.1, 0.8)  # share of a stand-in's steps that are turns, and how far these go: sine of the angle
 SELDOM, OFTEN = 0.03, 0.2  # shares of proposals other than the stand-in's own
+OFF, ENOUGH = 5.0, 3  # sds off the ridge that make a branch, and points for each of its coordinates
+SIDE, BLURRED = 0.1, 0.1  # share of proposals in a branch, and what its variances are widened by
 FLATTER = 1.5  # by which a stand-in's log density is divided, for proposals farther out
+
+
+class Branch:
+    """A normal law about points that lie off the ridge: a second one, where a reading is taken for bad, say.
+
+    `points`, shape (n_points, n): in straightened coordinates [-].
+    """
+
+    def __init__(self, points: np.ndarray) -> None:
+        self.mean = points.mean(axis=0)
+        self.root = np.linalg.cholesky(np.atleast_2d(np.cov(points.T)) + BLURRED * np.eye(points.shape[1]))
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Log density, shape (n_walkers,) [-]. `x`, shape (n_walkers, n): points [-]."""
+        z = np.linalg.solve(self.root, (x - self.mean).T)
+        volume = np.log(np.diag(self.root)).sum() + 0.5 * x.shape[1] * np.log(2.0 * np.pi)
+        found: np.ndarray = -0.5 * np.sum(z * z, axis=0) - volume
+        return found
 
 
 class IndependenceMove:
@@ -34,9 +55,10 @@ class IndependenceMove:
     LONG = 15.0
     STRETCHED = 0.15
 
-    def __init__(self, degrees: float = 20.0, spread: float = 1.05) -> None:
+    def __init__(self, degrees: float = 20.0, spread: float = 1.05, branch: Branch | None = None) -> None:
         self.degrees = degrees
         self.spread = spread
+        self.branch = branch
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density of the proposal up to a constant, shape (n_walkers,) [-].
@@ -52,7 +74,11 @@ class IndependenceMove:
         weights = np.append(1.0 - self.STRETCHED, np.full(n, self.STRETCHED / (n * self.LONG)))
         most = log_t.max(axis=1)
         found: np.ndarray = most + np.log(np.exp(log_t - most[:, None]) @ weights)
-        return found
+        if self.branch is None:
+            return found
+        half = 0.5 * self.degrees
+        whole = gammaln(half + 0.5 * n) - gammaln(half) - 0.5 * n * np.log(self.degrees * np.pi * self.spread**2)
+        return np.logaddexp(found + whole + np.log1p(-SIDE), self.branch.log_density(x) + np.log(SIDE))
 
     def draw(self, random: Any, walkers: int, n: int) -> np.ndarray:
         """Draws of the proposal, shape (walkers, n) [-]."""
@@ -61,6 +87,9 @@ class IndependenceMove:
         stretched = random.rand(walkers) < self.STRETCHED
         which = random.randint(n, size=walkers)
         q[np.arange(walkers)[stretched], which[stretched]] *= self.LONG
+        if self.branch is not None:
+            aside = random.rand(walkers) < SIDE
+            q[aside] = (self.branch.mean + random.randn(walkers, n) @ self.branch.root.T)[aside]
         return q
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
@@ -91,10 +120,12 @@ class DelayedAcceptance:
     `stand_in`: log density of points of shape (n, n_unknowns), returning shape (n,) [-].
     `shape`: whose independent numbers the stand-in is nearly normal in.
     `steps`: that the stand-in walks for one of the true posterior [-].
+    `branch`: off the ridge, where it walks to as well.
     """
 
-    def __init__(self, stand_in: BatchLogProb, shape: TransportMap, steps: int) -> None:
-        self.stand_in, self.shape, self.steps, self.within = stand_in, shape, steps, IndependenceMove(10.0, 1.1)
+    def __init__(self, stand_in: BatchLogProb, shape: TransportMap, steps: int, branch: Branch | None = None) -> None:
+        self.stand_in, self.shape, self.steps = stand_in, shape, steps
+        self.within = IndependenceMove(10.0, 1.1, branch)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
         """One step of all walkers, as emcee calls it.
@@ -171,12 +202,16 @@ def delayed(
     """The moves where a stand-in proposes, none of which looks at other walkers.
 
     Some proposals are of a flatter one, one in five or, where the stand-in is ``trusted``, in thirty: where it has too
-    little mass a walker would be held for long. Differences of ``points`` are for what neither reaches.
+    little mass a walker would be held for long. Differences of ``points`` are for what neither reaches. Where enough of
+    ``points`` lie off the ridge, the stand-in proposes there too.
     """
+    e = shape.pull(points)
+    off = e[np.abs(e).max(axis=1) > OFF]
+    branch = Branch(off) if len(off) >= ENOUGH * e.shape[1] else None
 
     def flatter(z: np.ndarray) -> np.ndarray:
         return stand_in(z) / FLATTER
 
-    own, flat = DelayedAcceptance(stand_in, shape, steps), DelayedAcceptance(flatter, shape, steps)
+    own, flat = (DelayedAcceptance(law, shape, steps, branch) for law in (stand_in, flatter))
     share = SELDOM if trusted else OFTEN
     return [(own, 1.0 - share - SELDOM), (flat, share), (DifferenceMove(points), SELDOM)]

@@ -92,8 +92,13 @@ def _begun(likelihood: Likelihood, settings: Settings) -> Begun | None:
             walkers = sampling.ENSEMBLES * max(settings.walkers, 2 * n + 2)
             steps = STEPS_WITH_EFFECTS if likelihood.effects else STEPS
             begin = drawn[random.permutation(POINTS)[: 2 * walkers]]
-            return Begun(begin, partial(moves.delayed, stand_in, shape, drawn, steps, trusted=True))
+            again = partial(_moves, stand_in, shape, steps)
+            return Begun(begin, again(drawn), again)
     return None
+
+
+def _moves(stand_in: BatchLogProb, shape: TransportMap, steps: int, points: np.ndarray) -> sampling.Moves:
+    return partial(moves.delayed, stand_in, shape, points, steps, trusted=True)
 
 
 def _moved(

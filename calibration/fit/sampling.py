@@ -37,6 +37,7 @@ TIMES_TAU = 50  # a chain is long enough at this many autocorrelation times: tau
 LOOKS = 10  # a long chain is assessed when it has grown by a tenth
 DISCARD_TAU = 5  # autocorrelation times left out at the start of what the fixed moves drew
 RHAT = 1.01
+HELD = 2.5  # autocorrelation time above which proposals that forget at once do not reach some of the mass
 CANDIDATES = 512
 
 Factors = Callable[[np.ndarray], np.ndarray]
@@ -112,10 +113,12 @@ class Begun:
 
     `points`, shape (n, n_unknowns): that look like the posterior; as many as there are walkers at least [-].
     `moves`: moves that need no straightened coordinates, and so no warm-up, and that move each walker by itself.
+    `again`: such moves made anew from draws, shape (n, n_unknowns) [-], where a walker is held for long.
     """
 
     points: np.ndarray
     moves: Moves | None = None
+    again: Callable[[np.ndarray], Moves] | None = None
 
 
 def sample(
@@ -172,7 +175,15 @@ def sample(
         chain = _assess(blocks[warm_up + 1 : number + 1], settings, number, time.monotonic() - started)
         if chain.converged:
             break
-        if kept == warm_up and _too_slow(chain, settings) and 2 * warm_up <= LONGEST_WARM_UP * settings.warm_up_blocks:
+        if begun and begun.again and not warm_up and chain.tau.max() > HELD:
+            warm_up, fixed = number, begun.again(chain.flat())
+            tell(0, settings.effective_samples, "a walker is held, its place is taken up")
+        elif (
+            not fixed
+            and kept == warm_up
+            and _too_slow(chain, settings)
+            and 2 * warm_up <= LONGEST_WARM_UP * settings.warm_up_blocks
+        ):
             warm_up = number
             tell(0, settings.effective_samples, "warm-up, longer")
         else:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calibration.fit import moves, peak, sampling
-from calibration.fit.sampling import Settings, sample
+from calibration.fit.sampling import Begun, Settings, sample
 from calibration.fit.store import ChainError
 from calibration.fit.transport import TransportMap
 from tests.densities import log_normal
@@ -153,6 +153,39 @@ def test_differences_of_a_fixed_set_sample_a_curved_target_that_the_set_does_not
     flat = sampler.get_chain(flat=True, discard=400)
     np.testing.assert_allclose(flat.mean(axis=0), [0.0, 0.5], atol=0.03)
     np.testing.assert_allclose(flat.var(axis=0), [1.0, 0.75], rtol=0.06)
+
+
+def aside(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Draws of a narrow branch beside N(0, I) in three dimensions, five sds off along the first."""
+    return np.array([5.0, 1.0, 0.0]) + 0.2 * rng.standard_normal((n, 3))
+
+
+def test_independent_proposals_into_a_branch_too_sample_what_has_none():
+    near = np.array([2.0, 0.0, 0.0]) + 0.5 * np.random.default_rng(13).standard_normal((200, 3))
+    mean, sd = sampled([(moves.IndependenceMove(10.0, 1.1, moves.Branch(near)), 1.0)], np.eye(3), 1500, False)
+    np.testing.assert_allclose(mean, 0.0, atol=0.02)
+    np.testing.assert_allclose(sd, 1.0, atol=0.02)
+
+
+def test_a_branch_that_holds_walkers_is_taken_up_and_gets_its_share():
+    """One sample in twenty is of the branch; no move reaches it but those that are made anew."""
+
+    def target(z: np.ndarray) -> np.ndarray:
+        beside = log_normal(z - [5.0, 1.0, 0.0], 0.0, 0.2).sum(axis=1)
+        return np.logaddexp(np.log(0.95) + log_normal(z).sum(axis=1), np.log(0.05) + beside)
+
+    rng, asked = np.random.default_rng(14), []
+    start = np.concatenate([rng.standard_normal((180, 3)), aside(rng, 60)])
+
+    def again(points: np.ndarray) -> sampling.Moves:
+        asked.append(len(points))
+        return lambda: [(moves.IndependenceMove(20.0, 1.05, moves.Branch(points[points[:, 0] > 4.0])), 1.0)]
+
+    begun = Begun(start, lambda: [(moves.IndependenceMove(), 1.0)], again)
+    settings = Settings(seed=5, effective_samples=20_000, most_steps=2000, walkers=48, times_tau=10.0, block=5)
+    chain = sample(target, 3, np.ones_like, settings, begun=begun)
+    assert chain.converged and len(asked) == 1
+    assert np.mean(chain.flat()[:, 0] > 4.0) == pytest.approx(0.05, abs=0.008)
 
 
 def test_where_a_stand_in_proposes_each_walker_goes_its_own_way():
