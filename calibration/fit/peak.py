@@ -37,7 +37,8 @@ def _climb(log_prob: BatchLogProb, start: np.ndarray) -> np.ndarray:
     steps = STEP * np.vstack([np.zeros(n), np.eye(n), -np.eye(n)])
 
     def value_and_gradient(x: np.ndarray) -> tuple[float, np.ndarray]:
-        values = -log_prob(x + steps)
+        with np.errstate(over="ignore"):  # a step of the search may go far beyond the prior
+            values = -log_prob(x + steps)
         values = np.where(np.isfinite(values), values, 1e10)
         return float(values[0]), (values[1 : n + 1] - values[n + 1 :]) / (2.0 * STEP)
 
