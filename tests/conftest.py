@@ -82,7 +82,7 @@ SLOW = {
     "test_bench": 15,
     "test_cli": 15,
     "test_exchange_guess": 13,
-    "test_evidence_check": 13,
+    "test_evidence": 13,
     "test_extras": 13,
     "test_diagnosis_law": 13,
     "test_demonstrations": 13,
