@@ -110,7 +110,7 @@ def run(
     """
     task = partial(with_same_code, study.roots, study.code(), study.task)
     results = run_many(task, items, given.out / RESULTS, given.workers, given.scheduler, tell)
-    elsewhere = [one for one in results if one.error.startswith(OtherCodeError.__name__)]
+    elsewhere = [one for one in results if one.failed_by(OtherCodeError)]
     if elsewhere:
         raise OtherCodeError(
             f"the code was changed while {elsewhere[0].name} and {len(elsewhere) - 1} more of {len(items)} were made, "
