@@ -129,7 +129,7 @@ def items_of(given: argparse.Namespace, code: str) -> list[Item]:
     ]
 
 
-def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
+def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
     """What the cases come to."""
     done = [one for one in rows if not one["error"]]
     open_ = [one for one in done if len(one["steps"]) > 1]
@@ -238,7 +238,7 @@ def picture(found: Row) -> bytes:
         return png(figure)
 
 
-def documents(found: Row, rows: Rows) -> dict[str, bytes]:
+def documents(found: Row, _rows: Rows) -> dict[str, bytes]:
     """The result as a document, a page and a picture, by file name."""
     files = {"follow_ups.json": json_bytes(found), "follow_ups.md": page(found).encode()}
     return files | {"follow_ups.png": picture(found)}

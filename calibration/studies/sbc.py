@@ -106,7 +106,7 @@ def items_of(given: argparse.Namespace, code: str) -> list[Item]:
     return [Item(f"fit-{seed}", seed, code) for seed in range(given.first_seed, given.first_seed + given.fits)]
 
 
-def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
+def summary(rows: Rows, first_seed: int, _code: str) -> dict[str, Any]:
     """Uniformity of the ranks and coverage of f_overall's intervals.
 
     Returns fits, the share converged, coverage with its binomial 95 % interval, and for every unknown the p-value of a

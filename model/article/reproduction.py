@@ -20,6 +20,7 @@ FRICTIONS = (0.0625, 0.0633, 0.0640)  # N m s; Fig. 11
 DIAMETER, GROWTH = 24.02517, 1.775  # mm; section 5 and the abstract, for Fig. 12
 SWEEP_PA = np.array([1.60, 1.70, 1.80, 1.83, 1.85, 1.95, 2.00]) * BAR  # Table 3, and the average of the abstract
 STEP_STUDY = ((5000, 4500), (STEPS, FIRST_AVERAGED), (10_000, FIRST_AVERAGED))  # steps, and the first one averaged
+ROUNDS = 4  # of scaling a friction; each leaves a few hundredths of the error before
 TIME_STEPS_S = (0.5 * TIME_STEP, TIME_STEP, 2.0 * TIME_STEP, 4.0 * TIME_STEP)
 
 
@@ -137,17 +138,16 @@ def averaged_speeds(motor: Motor, pressures: np.ndarray, **values: float) -> np.
     return np.array([march(changed, float(P)).mean_speed_rpm for P in pressures])
 
 
-def best_friction(motor: Motor, measured: Measured, rounds: int = 4) -> float:
+def best_friction(motor: Motor, measured: Measured) -> float:
     """f_overall whose averaged speeds meet the measured ones in least squares [N m s].
 
     The speed goes very nearly as 1/f_overall, so each round scales it by the factor that fits the speeds best.
 
     `motor`: the motor; its f_overall is the start.
     `measured`: the recorded sweep.
-    `rounds`: rounds of scaling [-]; each leaves a few hundredths of the error before.
     """
     f = motor["f_overall"].value
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         speed = averaged_speeds(motor, measured.pressure_pa, f_overall=f)
         f /= float(speed @ measured.speed_rpm / (speed @ speed))
     return f

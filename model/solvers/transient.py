@@ -33,6 +33,8 @@ from model.solvers.crank_angle import (
 from model.solvers.port_edges import AT_EDGE, ON_THE_WAY, STOPPED, locate, set_ports
 
 MAX_STEP = 1e-3  # s, divided by the refinement
+GIVEN_RAD_S = 30.0  # speed at the start: near its lowest pressure a motor runs on but does not start
+MOST_TURNS = 400  # after which a speed does not settle
 DONE, TOO_MANY_STEPS, NOT_FINITE = 0, 1, 2
 
 
@@ -322,20 +324,16 @@ def simulate(
     return Transient(time_s, angle, speed, inlet, outlet, pressure, mass, y)
 
 
-def periodic_state(
-    motor: Motor, P_in: float, refine: int = 1, start_rad_s: float = 30.0, most_turns: int = 400
-) -> tuple[np.ndarray, float]:
+def periodic_state(motor: Motor, P_in: float, refine: int = 1) -> tuple[np.ndarray, float]:
     """Run at constant pressure until the speed repeats.
 
-    `start_rad_s`: speed that the rotor is given [rad/s]: near its lowest pressure a motor runs on but does not start.
-    `most_turns`: turns after which to give up [-].
     Returns `state`, shape (9 + 2 n,): state at angle 0, with nothing passed yet; `mean_speed`: mean speed in time
     [rad/s]; 0 when the motor stalls. Raises ArithmeticError when the speed does not settle.
     """
     y = rest_state(motor)
-    y[OMEGA] = start_rad_s
+    y[OMEGA] = GIVEN_RAD_S
     last = -1.0
-    for _ in range(most_turns):
+    for _ in range(MOST_TURNS):
         y[THETA] = 0.0  # after a whole turn the cylinders stand as they stood; counting on would lose digits
         pulse_t = np.full(motor.n_lobes * motor.n_pistons, np.nan)
         status, _, pulses = _run(motor, [Supply(0.0, P_in)], np.array([0.0, 5.0]), y, np.empty((2, 6)), pulse_t, refine)
@@ -349,7 +347,7 @@ def periodic_state(
             y[M_IN:P0] = 0.0
             return y, mean
         last = mean
-    raise ArithmeticError(f"the speed does not settle at {P_in / 1e5:g} bar within {most_turns} turns")
+    raise ArithmeticError(f"the speed does not settle at {P_in / 1e5:g} bar within {MOST_TURNS} turns")
 
 
 def _run(
