@@ -154,7 +154,7 @@ nulls: $(STAMP)
 
 # PAGE=docs/evidence also writes the page there; EVERY=3 has nested sampling in one case of three.
 evidence: $(STAMP)
-	$(ONE_THREAD) $(BIN)/python -m calibration.studies.evidence_check -o $(OUT)/evidence $(if $(EVERY),--nested-every $(EVERY)) $(if $(PAGE),--page $(PAGE))
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.evidence -o $(OUT)/evidence $(if $(EVERY),--nested-every $(EVERY)) $(if $(PAGE),--page $(PAGE))
 
 # Goes on where it was interrupted; another folder is another campaign, with a seed of its own unless SEED=N is given.
 challenge: $(STAMP)

@@ -84,32 +84,13 @@ def judge_whole(
 ) -> tuple[list[Recording], Detected, FitQuality]:
     """The most probable point of a fit to everything in recordings of one motor, and whether its model explains them.
 
-    Parameters
-    ----------
-    assignments : sequence of str
-        ``NAME=VALUE`` changes of the motor, as on the command line.
-    channels : tuple of str
-        Channels that the likelihood sees; pressure always.
-    workers : int
-        Threads that simulate side by side; the result is the same [-].
-    sharing : Sharing
-        Of which effects each recording has its own sizes.
-
-    Returns
-    -------
-    list of Recording
-        As they are used.
-    Detected
-        The model with its effects at the most probable point, and the test of it.
-    FitQuality
-        What that comes to.
-
-    Raises
-    ------
-    RecordingError
-        When one cannot be used, or the model gives no reading of it at all.
-    EffectsError
-        For an effect that there is not, or that none of them could show.
+    `assignments`: ``NAME=VALUE`` changes of the motor, as on the command line.
+    `channels`: those that the likelihood sees; pressure always.
+    `workers`: threads that simulate side by side; the result is the same [-].
+    `sharing`: of which effects each recording has its own sizes.
+    Returns the recordings as they are used; the model with its effects at the most probable point, and the test of it;
+    what that comes to. Raises RecordingError when one cannot be used, or the model gives no reading of it at all;
+    EffectsError for an effect that there is not, or that none of them could show.
     """
     used = [_used(one, channels, assignments) for one in recordings]
     motor = set_values(read_motor(used[-1].motor), list(assignments)) if assignments else None

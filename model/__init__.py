@@ -12,32 +12,18 @@ rigs              machines that are not this motor
 What means the same in the whole package is told here; a function tells only what is special to it. So it is with what
 a package or a module of this one tells at its top.
 
-Parameters
-----------
-motor : Motor
-    The motor.
-parameters : ndarray, shape (26,)
-    One parameter set [SI], in the order of `layout`.
-readings : ndarray, shape (5,)
-    Which equations are read as printed, and which not: `motor.Readings.vector`.
-gas : ndarray, shape (12,)
-    Gas of an operating point, of `gas.cylinder.gas_state`.
-c : ndarray, shape (12,)
-    The guide curve, of `geometry.curve`.
-P_in : float
-    Absolute inlet pressure [Pa].
-pressures : ndarray or sequence of float, shape (n,)
-    Absolute inlet pressures [Pa].
-ambient : float
-    Ambient pressure [Pa].
-A_p : float
-    Piston area [m2].
-f_r : float
-    Roller friction factor [-].
-friction : float
-    Viscous coefficient f_overall [N m s].
-omega : float
-    Angular velocity [rad/s].
+`motor`: the motor.
+`parameters`, shape (26,): one parameter set [SI], in the order of `layout`.
+`readings`, shape (5,): which equations are read as printed, and which not: `motor.Readings.vector`.
+`gas`, shape (12,): gas of an operating point, of `gas.cylinder.gas_state`.
+`c`, shape (12,): the guide curve, of `geometry.curve`.
+`P_in`: absolute inlet pressure [Pa].
+`pressures`, shape (n,): absolute inlet pressures [Pa].
+`ambient`: ambient pressure [Pa].
+`A_p`: piston area [m2].
+`f_r`: roller friction factor [-].
+`friction`: viscous coefficient f_overall [N m s].
+`omega`: angular velocity [rad/s].
 """
 
 import os

@@ -4,28 +4,16 @@ The angle ``psi`` of a cylinder runs over one lobe: at 0 the piston is farthest 
 farthest in. Eq. 7 and 10 describe that half; the other is its mirror image. The article prints the equations for four
 lobes: its pi/4 is half a lobe here, and its sqrt2/2 the sine and the cosine of that.
 
-Parameters
-----------
-R2, R3 : float
-    Radii of the concave and the convex circle [m].
-R5 : float
-    Radius of the roller [m].
-R6 : float
-    Far point of the concave circle to the motor centre [m].
-L1, L2 : float
-    Motor centre to the centres of the concave and the convex circle [m], Eq. 1 and 8.
-L3 : float
-    Motor centre to roller centre at the junction of the arcs [m], Eq. 4.
-L4 : float
-    Motor centre to roller centre [m], Eq. 7 and 10.
-L5, L6 : float
-    Roller centre to the centres of the concave and the convex circle [m], Eq. 6 and 9.
-half : float
-    Half a lobe [rad], pi/4 in the article.
-beta, gamma : float
-    Angles at the convex and the concave circle's centre [rad], Eq. 2 and 3.
-th : float
-    Angle from the far point [rad].
+`R2`, `R3`: radii of the concave and the convex circle [m].
+`R5`: radius of the roller [m].
+`R6`: far point of the concave circle to the motor centre [m].
+`L1`, `L2`: motor centre to the centres of the concave and the convex circle [m], Eq. 1 and 8.
+`L3`: motor centre to roller centre at the junction of the arcs [m], Eq. 4.
+`L4`: motor centre to roller centre [m], Eq. 7 and 10.
+`L5`, `L6`: roller centre to the centres of the concave and the convex circle [m], Eq. 6 and 9.
+`half`: half a lobe [rad], pi/4 in the article.
+`beta`, `gamma`: angles at the convex and the concave circle's centre [rad], Eq. 2 and 3.
+`th`: angle from the far point [rad].
 """
 
 from __future__ import annotations
@@ -113,10 +101,7 @@ def reach_convex(th: float, L2: float, L6: float, half: float) -> float:
 def volume(L4: float, A_p: float, offset: float) -> float:
     """Volume of one cylinder [m3], Eq. 11 with erratum 1: V = Ap (L4 + R5 - Lp - R4).
 
-    Parameters
-    ----------
-    offset : float
-        R5 - Lp - R4 [m]; as printed, without erratum 1, -Lp - R4.
+    `offset`: R5 - Lp - R4 [m]; as printed, without erratum 1, -Lp - R4.
     """
     return A_p * (L4 + offset)
 
@@ -125,10 +110,7 @@ def volume(L4: float, A_p: float, offset: float) -> float:
 def sin_phi_concave(th: float, L1: float, L5: float) -> float:
     """Magnitude of sin(phi) on the concave arc [-], Eq. 23.
 
-    Parameters
-    ----------
-    th : float
-        Angle from the far point, 0..alpha [rad].
+    `th`: angle from the far point, 0..alpha [rad].
     """
     return L1 * math.sin(th) / L5
 
@@ -137,10 +119,7 @@ def sin_phi_concave(th: float, L1: float, L5: float) -> float:
 def sin_phi_convex(th: float, L2: float, L6: float, half: float) -> float:
     """Magnitude of sin(phi) on the convex arc [-], Eq. 24.
 
-    Parameters
-    ----------
-    th : float
-        Angle from the far point, alpha..half [rad].
+    `th`: angle from the far point, alpha..half [rad].
     """
     return L2 * math.sin(half - th) / L6
 
@@ -163,13 +142,8 @@ def pulse_angle(parameters: np.ndarray) -> float:
 def curve(parameters: np.ndarray, c: np.ndarray) -> None:
     """Fill the constants of the guide curve, Eq. 1-6, 8 and 9.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (26,)
-        One parameter set [SI], in the order of `model.layout`.
-    c : ndarray, shape (12,)
-        Filled with L1, L2, L5, L6 [m], alpha [rad], R5 [m], the volume offset [m] and Ap [m2], NaN where the lengths
-        give no curve; and the angles of half a lobe, a lobe, a pulse, and from cylinder to cylinder [rad].
+    `c`, shape (12,): filled with L1, L2, L5, L6 [m], alpha [rad], R5 [m], the volume offset [m] and Ap [m2], NaN where
+        the lengths give no curve; and the angles of half a lobe, a lobe, a pulse, and from cylinder to cylinder [rad].
     """
     R2 = 0.5 * parameters[at.R2_DIAMETER]
     R3 = 0.5 * parameters[at.R3_DIAMETER]
@@ -197,14 +171,10 @@ def curve(parameters: np.ndarray, c: np.ndarray) -> None:
 def place(psi: float, c: np.ndarray) -> tuple[float, float, float, float]:
     """Everything that follows from the angle of one cylinder.
 
+    `psi`: cylinder angle within a lobe [rad].
     Returns `L4`: motor centre to roller centre [m]; `sin_phi`: sine of phi [-], negative in the first half (the piston
     is pushed in), positive in the second; `cos_phi`: cosine of phi [-]; `r`: motor centre to the touch point of roller
     and curve [m].
-
-    Parameters
-    ----------
-    psi : float
-        Cylinder angle within a lobe [rad].
     """
     half = c[at.HALF_LOBE]
     if psi <= half:
@@ -249,12 +219,8 @@ def rooms(parameters: np.ndarray) -> tuple[float, float]:
 def table(parameters: np.ndarray, psi: np.ndarray) -> dict[str, np.ndarray]:
     """The geometry over the angle, as Fig. 5 of the article shows it.
 
+    `psi`, shape (n,): angles of one cylinder [rad]; any turn.
     Returns dict of ndarray, shape (n,): ``L4_m``, ``phi_rad``, ``r_m``, ``V_m3`` and ``dL4_dpsi_m`` (= L4 tan phi).
-
-    Parameters
-    ----------
-    psi : ndarray, shape (n,)
-        Angles of one cylinder [rad]; any turn.
     """
     c = np.empty(at.N_CURVE)
     curve(parameters, c)

@@ -119,18 +119,19 @@ def read_sources(root: Path, folders: Iterable[str], without: Sequence[str] = ()
     return found
 
 
-def long_functions(sources: Iterable[Source], most: int = MOST_CODE_LINES) -> list[tuple[int, str]]:
+def long_functions(sources: Iterable[Source]) -> list[tuple[int, str]]:
     """Functions of more lines of code than that, the longest first."""
     found = []
     for source in sources:
         for name, function in source.functions():
             span = range(function.lineno, (function.end_lineno or function.lineno) + 1)
-            if len(span) > most and (count := len(source.code_lines.intersection(span))) > most:
+            count = len(source.code_lines.intersection(span))
+            if count > MOST_CODE_LINES:
                 found.append((count, _place(source, name, function)))
     return sorted(found, reverse=True)
 
 
-def wide_functions(sources: Iterable[Source], most: int = MOST_ARGUMENTS) -> list[tuple[int, str]]:
+def wide_functions(sources: Iterable[Source]) -> list[tuple[int, str]]:
     """Functions of more arguments than that, the widest first; ``self`` and ``cls`` are none."""
     found = []
     for source in sources:
@@ -140,7 +141,7 @@ def wide_functions(sources: Iterable[Source], most: int = MOST_ARGUMENTS) -> lis
             count = len(names) - (names[:1] in (["self"], ["cls"])) + len(given.kwonlyargs)
             count += (given.vararg is not None) + (given.kwarg is not None)
             found.append((count, _place(source, name, function)))
-    return sorted((one for one in found if one[0] > most), reverse=True)
+    return sorted((one for one in found if one[0] > MOST_ARGUMENTS), reverse=True)
 
 
 def is_compiled(function: Function) -> bool:
@@ -154,15 +155,15 @@ def _place(source: Source, name: str, function: Function) -> str:
     return f"{source.path.as_posix()}:{function.lineno} {name}{mark}"
 
 
-def long_files(sources: Iterable[Source], most: int = MOST_FILE_LINES) -> list[tuple[int, str]]:
+def long_files(sources: Iterable[Source]) -> list[tuple[int, str]]:
     """Files of more lines than that, the longest first."""
-    return sorted(((one.lines, one.path.as_posix()) for one in sources if one.lines > most), reverse=True)
+    return sorted(((one.lines, one.path.as_posix()) for one in sources if one.lines > MOST_FILE_LINES), reverse=True)
 
 
-def full_folders(sources: Iterable[Source], most: int = MOST_FILES_A_FOLDER) -> list[tuple[int, str]]:
+def full_folders(sources: Iterable[Source]) -> list[tuple[int, str]]:
     """Folders of more modules than that, the fullest first; ``__init__`` is none."""
     count = Counter(one.folder for one in sources if one.path.name != "__init__.py")
-    return sorted(((many, folder) for folder, many in count.items() if many > most), reverse=True)
+    return sorted(((many, folder) for folder, many in count.items() if many > MOST_FILES_A_FOLDER), reverse=True)
 
 
 def imports_of(sources: Sequence[Source]) -> Imports:

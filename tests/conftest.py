@@ -19,6 +19,7 @@ import hypothesis
 import pytest
 
 import spinbench
+from tests import declared
 
 # Started in the background of a shell, a process inherits that Ctrl-C is ignored, and so would those that tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -28,13 +29,6 @@ hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("fixed")
 
 AMBIENT = "[ambient]\npressure_bar_abs = 1.01325\npressure_sd_bar = 0.0015\ntemperature_c = 20.0\n"
-# noise_sd, bias_sd, scale_sd, resolution
-FIGURES = {
-    "pressure_bar_abs": (0.0015, 0.005, 0.002, 0.001),
-    "pressure_bar_gauge": (0.0015, 0.005, 0.002, 0.001),
-    "flow_l_min": (0.5, 0.5, 0.02, 0.5),
-    "speed_rpm": (0.4, 0.1, 0.0005, 0.1),
-}
 
 
 # Seconds that files take, the longest first: in that order they go, so that the two processes end together. The second
@@ -82,7 +76,7 @@ SLOW = {
     "test_bench": 15,
     "test_cli": 15,
     "test_exchange_guess": 13,
-    "test_evidence_check": 13,
+    "test_evidence": 13,
     "test_extras": 13,
     "test_diagnosis_law": 13,
     "test_demonstrations": 13,
@@ -178,17 +172,14 @@ def spinbench_anywhere() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 @pytest.fixture
 def put_recording(tmp_path: Path) -> Callable[..., Path]:
-    """Writes a recording of files given as (name, kind, csv), each instrument with the figures above."""
+    """Writes a recording of files given as (name, kind, csv), each instrument with its figures of `declared`."""
 
     def put(*files: tuple[str, str, str], ambient: str = AMBIENT, more: str = "", name: str = "bench") -> Path:
         folder = tmp_path / name
         folder.mkdir()
         headers = ",".join(csv.partition("\n")[0] for _, _, csv in files).split(",")
-        toml = f'format = "recording/1"\nmotor = "ptm3600"\n{ambient}{more}'
-        for column in FIGURES:
-            if column in headers:
-                figures = zip(("noise_sd", "bias_sd", "scale_sd", "resolution"), FIGURES[column], strict=True)
-                toml += f"[channels.{column}]\n" + "".join(f"{key} = {value}\n" for key, value in figures)
+        told = declared.channels(column for column in declared.FIGURES if column in headers)
+        toml = f'format = "recording/1"\nmotor = "ptm3600"\n{ambient}{more}{told}'
         for file, kind, csv in files:
             toml += f'[[files]]\nfile = "{file}"\nkind = "{kind}"\n'
             (folder / file).write_text(csv, encoding="utf-8")

@@ -17,31 +17,17 @@ from model.solvers.crank_angle import OMEGA
 from model.solvers.steady import gas_table
 from model.solvers.transient import Supply, rest_state
 from rig.recording import Recording, read_recording
+from tests.declared import channels
 
-HEAD = """format = "recording/1"
+HEAD = f"""format = "recording/1"
 motor = "ptm3600"
-files = [{ file = "sweep.csv", kind = "steady" }]
+files = [{{ file = "sweep.csv", kind = "steady" }}]
 [ambient]
 pressure_bar_abs = 1.01325
 pressure_sd_bar = 0.0015
 temperature_c = 20.0
 relative_humidity = 0.0
-[channels.pressure_bar_abs]
-noise_sd = 0.0015
-bias_sd = 0.005
-scale_sd = 0.002
-resolution = 0.001
-[channels.flow_l_min]
-noise_sd = 0.8
-bias_sd = 0.5
-scale_sd = 0.02
-resolution = 0.5
-[channels.speed_rpm]
-noise_sd = 0.4
-bias_sd = 0.1
-scale_sd = 0.0005
-resolution = 0.1
-"""
+{channels(flow_l_min=0.8)}"""
 
 
 def sweep(

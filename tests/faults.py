@@ -28,7 +28,7 @@ from rig.recording.files import write_file
 from rig.virtual.devices.faults import KINDS, MODBUS, NUMBERS, ONCE
 from rig.virtual.launch import port_for
 from rig.virtual.plant.truth import LineTruth
-from tests.virtual_benches import FLOW, Served, serving
+from tests.virtual_benches import FLOW, ROLES, Served, serving
 
 FIRST_RPM, RISE_RPM_S = 1000.0, 10.0
 NEAR_S = 0.002  # the resolution, 1 ms, and the rounding
@@ -59,30 +59,17 @@ TEXT = HEAD + CHANNEL.join(
 FRAMES = f'{HEAD}family = "lutron"\nupdate_s = 0.03\n{CHANNEL}display = "1"\nagree_within = {AGREE_RPM}\n'
 SERIAL, TCP = 'kind = "serial"\nport = "virtual"\nbaud = 19200', 'kind = "tcp"\nhost = "virtual"'
 LINES = {"rtu": (REGISTERS, SERIAL), "text": (TEXT, SERIAL), "frames": (FRAMES, SERIAL), "tcp": (REGISTERS, TCP)}
-BENCH = """
+BENCH = f"""
 format = "bench/1"
 title = "faults"
-[roles]
-pressure = "flowmeter.pressure_bar_gauge"
-flow = "flowmeter.flow_sl_min"
-speed = "tach.speed_rpm"
-[sweep]
-levels_bar_abs = [2.0]
-[lines.net]
-kind = "tcp"
-host = "virtual"
-[devices.flowmeter]
-instrument = "flow"
-line = "net"
-unit_id = 1
-[lines.wire]
-timeout_s = {timeout_s}
-slowest_reply_s = {slowest_s}
-{line}
+{ROLES.format(pressure="flowmeter.pressure_bar_gauge")}[lines.wire]
+timeout_s = {{timeout_s}}
+slowest_reply_s = {{slowest_s}}
+{{line}}
 [devices.tach]
 instrument = "ramp"
 line = "wire"
-{unit}
+{{unit}}
 [virtual]
 """
 

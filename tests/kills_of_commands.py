@@ -25,6 +25,7 @@ import psutil
 
 from rig.recording.files import write_file
 from rig.runlog import read_run, verify
+from tests.declared import figures
 from tests.synthetic_runs import write_sweep
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,7 +36,7 @@ JUST_AFTER_S = 0.03
 FOLDER = ("out/recording.toml", "out/notes.txt")
 ENDS = {".html": b"</html>", ".png": b"IEND\xaeB`\x82", ".csv": b"\n", ".jsonl": b"\n", ".txt": b"\n", ".md": b"\n"}
 LOGGER = "t,P,n\n" + "".join(f"{0.1 * i:.1f},{2.0 - 0.01 * i:.3f},{400.0 - 3.0 * i:.1f}\n" for i in range(100))
-MAPPING = """
+MAPPING = f"""
 format = "import/1"
 title = "a logger"
 source = "made up"
@@ -54,18 +55,10 @@ unit = "s"
 [columns.pressure_bar_abs]
 column = "P"
 unit = "bar abs"
-noise_sd = 0.0015
-bias_sd = 0.005
-scale_sd = 0.002
-resolution = 0.001
-[columns.speed_rpm]
+{figures("pressure_bar_abs")}[columns.speed_rpm]
 column = "n"
 unit = "rpm"
-noise_sd = 0.4
-bias_sd = 0.1
-scale_sd = 0.0005
-resolution = 0.1
-[[files]]
+{figures("speed_rpm")}[[files]]
 file = "log.csv"
 kind = "transient"
 """

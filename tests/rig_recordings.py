@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from rig.recording import Ambient, Channel, Column, Recording, RecordingFile
 
@@ -28,8 +29,7 @@ def nothing(speed: np.ndarray) -> np.ndarray:
 def coloured(rng: np.random.Generator, n: int, sd: float, rho: float) -> np.ndarray:
     """Noise whose neighbours are correlated."""
     noise = rng.standard_normal(n)
-    for k in range(1, n):
-        noise[k] = rho * noise[k - 1] + np.sqrt(1.0 - rho * rho) * noise[k]
+    noise[1:] = lfilter([np.sqrt(1.0 - rho * rho)], [1.0, -rho], noise[1:], zi=[rho * noise[0]])[0]
     return sd * noise
 
 

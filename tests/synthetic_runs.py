@@ -11,13 +11,14 @@ from typing import Any
 from rig.readings import NS, Event, Exchange, Quality, Reading
 from rig.runlog import AmbientRecord, RunWriter, StartRecord
 from rig.runlog.schema import ChannelRecord, ClockRecord, DeviceRecord
+from tests.declared import FIGURES
 
 UTC_START_NS = 1_780_000_000 * NS
 PRESSURE, FLOW, SPEED, TEMPERATURE = "pressure_bar_abs", "flow_l_min", "speed_rpm", "temperature_c"
 LEVELS = Path(__file__).resolve().parents[1] / "logs" / "published_sweep" / "sweep.csv"
 # Pressure [bar abs], flow [L/min], speed [rpm] of the article's seven plateaus.
 SWEEP = tuple(tuple(map(float, line.split(","))) for line in LEVELS.read_text(encoding="utf-8").split()[1:])
-NOISE = {PRESSURE: 0.0015, FLOW: 0.5, SPEED: 0.4, TEMPERATURE: 0.05}
+NOISE = {name: FIGURES[name]["noise_sd"] for name in (PRESSURE, FLOW, SPEED)} | {TEMPERATURE: 0.05}
 UNITS = {PRESSURE: "bar", FLOW: "L/min", SPEED: "rpm", TEMPERATURE: "degC"}
 ROLES = {
     "pressure": f"gauge.{PRESSURE}",
@@ -34,11 +35,11 @@ def start_of(kind: str = "sweep", **changes: Any) -> StartRecord:
     """A start record of the synthetic bench."""
     devices = {
         "gauge": {
-            PRESSURE: ChannelRecord(unit="bar", noise_sd=0.0015, bias_sd=0.005, scale_sd=0.002, resolution=0.001),
+            PRESSURE: ChannelRecord(unit="bar", **FIGURES[PRESSURE]),
             TEMPERATURE: ChannelRecord(unit="degC", noise_sd=0.05, bias_sd=0.5, scale_sd=0.0, resolution=0.1),
         },
-        "meter": {FLOW: ChannelRecord(unit="L/min", noise_sd=0.5, bias_sd=0.5, scale_sd=0.02, resolution=0.5)},
-        "tach": {SPEED: ChannelRecord(unit="rpm", noise_sd=0.4, bias_sd=0.1, scale_sd=0.0005, resolution=0.1)},
+        "meter": {FLOW: ChannelRecord(unit="L/min", **FIGURES[FLOW])},
+        "tach": {SPEED: ChannelRecord(unit="rpm", **FIGURES[SPEED])},
     }
     record: dict[str, Any] = {
         "kind": kind,

@@ -128,14 +128,7 @@ INSTRUMENTS = {
     "lutron": LUTRON,
     "text": TEXT,
 }
-HEAD = """
-format = "bench/1"
-title = "test"
-[ambient]
-pressure_bar_abs = 1.01325
-temperature_c = 20.0
-relative_humidity = 0.5
-[roles]
+ROLES = """[roles]
 pressure = "{pressure}"
 flow = "flowmeter.flow_sl_min"
 speed = "tach.speed_rpm"
@@ -149,6 +142,14 @@ instrument = "flow"
 line = "net"
 unit_id = 1
 """
+HEAD = f"""
+format = "bench/1"
+title = "test"
+[ambient]
+pressure_bar_abs = 1.01325
+temperature_c = 20.0
+relative_humidity = 0.5
+{ROLES}"""
 MODBUS = (
     HEAD.format(pressure="gauge.pressure_bar_abs")
     + """

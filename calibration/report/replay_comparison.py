@@ -81,7 +81,7 @@ def table(compared: list[Residuals]) -> Table:
     return made
 
 
-def report(name: str, measured: Measured, simulated: Simulated, compared: list[Residuals]) -> dict[str, bytes]:
+def report(name: str, simulated: Simulated, compared: list[Residuals]) -> dict[str, bytes]:
     """The picture and its figures, file name to content."""
     return {"replay.png": picture(name, simulated, compared), "replay.csv": figures(compared)}
 

@@ -1,9 +1,9 @@
 """How far the tool's own figures hold. No part of the product imports this.
 
 nulls, nulls_draw, nulls_table     how often a mismatch is seen where there is none
-evidence_check, evidence_cases, evidence_target, evidence_reference, evidence_numbers, evidence_page
+evidence, evidence_page, evidence_target, evidence_reference
                                    the evidence that sets are weighed by, against sampling
 follow_ups                         what tests that are asked for promise, and what they give
 sbc                                simulation-based calibration of the fit
-campaigns                          what they share
+campaigns                          the one runner of all
 """

@@ -10,54 +10,42 @@ or dry friction alone, in a sweep with a spin-up and a coast-down.
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, replace
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration.studies.campaigns import OtherCodeError, command_line, go, results_of, whole_number
-from calibration.work.many import Item, Result, Tell
-from calibration.work.sources import DIAGNOSIS, imported_sha256
-from rig.recording.files import json_bytes, write_files
+from calibration.challenge.pages.tables import Grid, as_markdown
+from calibration.studies.campaigns import Row, Rows, Study, main, whole_number
+from calibration.work.many import Item
+from calibration.work.sources import DIAGNOSIS
+from rig.recording.files import json_bytes
 
 FAMILY = "development"
-FIRST_SEED, CASES = 300_000, 100
+CASES = 100
 SEED = 1  # of each diagnosis
 DAYS = 2  # tests that are taken, at most
 BY_D = (("below 3", 0.0, 3.0), ("3 to 7", 3.0, 7.0), ("7 and more", 7.0, math.inf))
 DRY, DRY_NM = "coulomb_friction", (0.06, 0.20)  # where it is concealed alone; even in the logarithm
 TOLD_APART = 10.0  # nats promised, above which a promise is held against what came of it
-PAGE = ("follow_ups.json", "follow_ups.md", "follow_ups.png")
-
-
-def code_of_a_case() -> str:
-    """The hash of what a case hangs on: the second rig, and the diagnosis."""
-    return imported_sha256("calibration.challenge.second_rig", DIAGNOSIS)
 
 
 def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     """One case: its diagnosis, and those with a test of another day in them.
 
-    Parameters
-    ----------
-    argument : mapping
-        ``seed`` of the draw; ``dry``, whether dry friction alone is concealed; ``days``, tests that are taken at most;
-        and ``code``, the hash of the sources that the campaign began with.
-
-    Returns
-    -------
-    dict
-        ``ids`` concealed; ``D`` and ``rival`` of the first recording by the scorer, None where its diagnosis is right;
-        and ``steps``: of each diagnosis its verdict, what it is worth, and the test that was given back before it, with
-        nats promised and delivered.
+    `argument`: ``seed`` of the draw; ``dry``, whether dry friction alone is concealed; ``days``, tests that are taken
+        at most.
+    Returns ``ids`` concealed; ``D`` and ``rival`` of the first recording by the scorer, None where its diagnosis is
+    right; and ``steps``: of each diagnosis its verdict, what it is worth, and the test that was given back before it,
+    with nats promised and delivered.
     """
     from calibration.challenge.second_rig import another_day, draw, make_recording, separable
     from calibration.data.joined import as_given
@@ -65,8 +53,6 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     from calibration.diagnosis.next_test.promised import Promise, Rival
     from rig.recording import read_recording
 
-    if code_of_a_case() != argument["code"]:
-        raise OtherCodeError("this worker has other code than the campaign")
     truth = draw(FAMILY, argument["seed"], "follow-ups")
     if argument["dry"]:
         truth = dry_friction_alone(truth)
@@ -133,39 +119,19 @@ def _step(truth: Any, found: Any) -> dict[str, Any]:
     }
 
 
-def run_campaign(
-    cases: int,
-    dry: bool,
-    days: int,
-    out: Path,
-    workers: int,
-    scheduler: str | None = None,
-    first_seed: int = FIRST_SEED,
-    tell: Tell = lambda done, total, name: None,
-) -> dict[str, Any]:
-    """Make the cases that are not there yet, and write what all of them say: ``follow_ups.json``, ``.md``, ``.png``.
-
-    Raises
-    ------
-    ClusterError
-        When no scheduler answers, or it is lost on the way.
-    """
-    code = code_of_a_case()
+def items_of(given: argparse.Namespace, code: str) -> list[Item]:
+    """Every case of a campaign."""
+    dry, days = given.dry_friction, given.days
     mark = sha256(f"{code} {dry} {days}".encode()).hexdigest()
-    items = [
-        Item(f"case-{seed}", {"seed": seed, "dry": dry, "days": days, "code": code}, mark)
-        for seed in range(first_seed, first_seed + cases)
+    return [
+        Item(f"case-{seed}", {"seed": seed, "dry": dry, "days": days}, mark)
+        for seed in range(given.first_seed, given.first_seed + given.cases)
     ]
-    results = results_of(followed, items, out, workers, scheduler, tell)
-    found = summary(results, code)
-    files = {"follow_ups.json": json_bytes(found), "follow_ups.md": page(found).encode()}
-    write_files(out, files | {"follow_ups.png": picture(found)})
-    return found
 
 
-def summary(results: Sequence[Result], code: str) -> dict[str, Any]:
+def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
     """What the cases come to."""
-    done = [one.value for one in results if one.value]
+    done = [one for one in rows if not one["error"]]
     open_ = [one for one in done if len(one["steps"]) > 1]
     given = [
         {"ids": one["ids"], **promised} for one in open_ for step in one["steps"][1:] for promised in step["promised"]
@@ -175,7 +141,7 @@ def summary(results: Sequence[Result], code: str) -> dict[str, Any]:
     return {
         "code": code,
         "cases": len(done),
-        "failed": [f"{one.name}: {one.error}" for one in results if not one.value],
+        "failed": [f"{one['name']}: {one['error']}" for one in rows if one["error"]],
         "open": len(open_),
         "promises": given,
         "ratio_median": float(np.median(ratios)) if ratios else None,
@@ -206,7 +172,7 @@ def summary(results: Sequence[Result], code: str) -> dict[str, Any]:
 WRONG = ("wrong name", "false alarm")
 
 
-def _told_apart(one: Mapping[str, Any]) -> bool:
+def _told_apart(one: Row) -> bool:
     """Whether the truth was among what a test was to tell apart, and certainty was promised."""
     pairs = zip(one["steps"][:-1], one["steps"][1:], strict=True)
     return any(
@@ -216,11 +182,11 @@ def _told_apart(one: Mapping[str, Any]) -> bool:
     )
 
 
-def _is_named(one: Mapping[str, Any], day: int) -> bool:
+def _is_named(one: Row, day: int) -> bool:
     return any(step["outcome"] == "right" for step in one["steps"][1 : day + 1])
 
 
-def page(found: Mapping[str, Any]) -> str:
+def page(found: Row) -> str:
     """The result in words and a table."""
     quartiles = found["ratio_quartiles"]
     lines = [
@@ -242,26 +208,23 @@ def page(found: Mapping[str, Any]) -> str:
         "What a first diagnosis was worth that was not right, by D: how many sds of noise the first recording shows of",
         "what is concealed, once the nuisances have taken up what they can.",
         "",
-        "| D | cases |",
-        "|---|---|",
-        *(
-            f"| {one['D']} | {', '.join(f'{n} {what}' for what, n in one['outcomes'].items())} |"
-            for one in found["by_D"]
-        ),
-        "",
-        "| concealed | D | what the diagnoses were worth | tests |",
-        "|---|---|---|---|",
     ]
-    lines += [
-        f"| {' + '.join(one['ids']) or 'nothing'} | {'' if one['D'] is None else format(one['D'], '.1f')} "
-        f"| {', then '.join(one['outcomes'])} "
-        f"| {'; '.join(one['tests'])} |"
+    by_d = [(one["D"], ", ".join(f"{n} {what}" for what, n in one["outcomes"].items())) for one in found["by_D"]]
+    cases = [
+        (
+            " + ".join(one["ids"]) or "nothing",
+            "" if one["D"] is None else format(one["D"], ".1f"),
+            ", then ".join(one["outcomes"]),
+            "; ".join(one["tests"]),
+        )
         for one in found["rows"]
     ]
-    return "\n".join(lines) + "\n"
+    header = ("concealed", "D", "what the diagnoses were worth", "tests")
+    grids = (Grid("", ("D", "cases"), by_d), Grid("", header, cases))
+    return "\n".join([*lines, *(as_markdown(grid) for grid in grids)])
 
 
-def picture(found: Mapping[str, Any]) -> bytes:
+def picture(found: Row) -> bytes:
     """Promised against delivered nats, as a PNG."""
     from calibration.report.style import FAINT, MEASURED, drawing, name_axes, png
 
@@ -275,15 +238,28 @@ def picture(found: Mapping[str, Any]) -> bytes:
         return png(figure)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print its page, and return the exit code."""
-    parser = command_line("follow_ups", __doc__, FIRST_SEED, "of the cases", PAGE)
-    parser.add_argument("--cases", type=whole_number, default=CASES, help="cases that are drawn (%(default)s)")
-    parser.add_argument("--days", type=whole_number, default=DAYS, help="tests that are taken at most (%(default)s)")
-    parser.add_argument("--dry-friction", action="store_true", help="conceal dry friction alone, with runs in time")
-    given = parser.parse_args(arguments)
-    return go("follow_ups", given, PAGE, partial(run_campaign, given.cases, given.dry_friction, given.days), page)
+def documents(found: Row, _rows: Rows) -> dict[str, bytes]:
+    """The result as a document, a page and a picture, by file name."""
+    files = {"follow_ups.json": json_bytes(found), "follow_ups.md": page(found).encode()}
+    return files | {"follow_ups.png": picture(found)}
 
+
+STUDY = Study(
+    name="follow_ups",
+    words=__doc__,
+    roots=("calibration.challenge.second_rig", DIAGNOSIS),
+    task=followed,
+    items=items_of,
+    first_seed=300_000,
+    options={
+        "--cases": {"type": whole_number, "default": CASES, "help": "cases that are drawn (%(default)s)"},
+        "--days": {"type": whole_number, "default": DAYS, "help": "tests that are taken at most (%(default)s)"},
+        "--dry-friction": {"action": "store_true", "help": "conceal dry friction alone, with runs in time"},
+    },
+    summary=summary,
+    documents=documents,
+    told=page,
+)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(STUDY))

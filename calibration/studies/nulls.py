@@ -12,22 +12,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from calibration.studies import nulls_table
-from calibration.studies.campaigns import code_of_a_case, command_line, go, refuse, results_of, same_code, whole_number
+from calibration.studies.campaigns import Study, main, whole_number
 from calibration.studies.nulls_draw import NOISES, null_recording
 from calibration.work import many_table
-from calibration.work.many import Item, Result, Tell
-from rig.recording.files import json_bytes, write_files
+from calibration.work.many import Item, Result
+from calibration.work.sources import DIAGNOSIS
 
-FIRST_SEED = 200_000
 SWEEPS, WITH_RUNS = 1000, 200  # nulls of each class; a sweep with runs takes fifteen times as long
 COLUMNS = {
     "name": many_table.TEXT,
@@ -41,30 +37,16 @@ COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A class of nulls."""
-
-    noise: str
-    with_runs: bool = False
-
-    @property
-    def name(self) -> str:
-        """In tables and file names."""
-        return f"{self.noise}_with_runs" if self.with_runs else self.noise
-
-
 def p_of_null(argument: Mapping[str, Any]) -> dict[str, Any]:
     """One null's p-value.
 
-    `argument`: ``noise``, ``with_runs``, ``seed``, and ``code``, the hash of the sources that the campaign began with;
-        perhaps ``concealed``, effects and their parameters [SI], by which it is no null.
+    `argument`: ``noise``, ``with_runs``, ``seed``; perhaps ``concealed``, effects and their parameters [SI], by which
+        it is no null.
     Returns ``p_value``, ``extrapolated``, ``statistic``, the logarithms ``u`` of the noise scales found, and the
-    ``truth``. Raises OtherCodeError when this process has other sources.
+    ``truth``.
     """
     from calibration.diagnosis.mismatch import detect_mismatch
 
-    same_code(argument["code"])
     key = (argument["seed"], NOISES.index(argument["noise"]), int(argument["with_runs"]))
     draw, test = (np.random.default_rng(one) for one in np.random.SeedSequence(key).spawn(2))
     recording, truth = null_recording(argument["noise"], argument["with_runs"], draw, argument.get("concealed"))
@@ -78,51 +60,27 @@ def p_of_null(argument: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def items_of(kinds: Mapping[Kind, int], first_seed: int = FIRST_SEED) -> list[Item]:
-    """Every null of a campaign. `first_seed`: of each class; the others follow it [-]."""
-    code = code_of_a_case()
+def items_of(given: argparse.Namespace, code: str) -> list[Item]:
+    """Every null of a campaign: of each class the seeds that begin with the first."""
+    counts = {False: given.sweeps, True: given.with_runs}
     return [
         Item(
-            f"{kind.name}-{seed}",
-            {"noise": kind.noise, "with_runs": kind.with_runs, "seed": seed, "code": code},
+            f"{noise}{nulls_table.RUNS if with_runs else ''}-{seed}",
+            {"noise": noise, "with_runs": with_runs, "seed": seed},
             code,
         )
-        for kind, count in kinds.items()
-        for seed in range(first_seed, first_seed + count)
+        for with_runs, count in counts.items()
+        for noise in dict.fromkeys(given.noise)
+        for seed in range(given.first_seed, given.first_seed + count)
     ]
-
-
-def run_campaign(
-    kinds: Mapping[Kind, int],
-    out: Path,
-    workers: int,
-    scheduler: str | None = None,
-    first_seed: int = FIRST_SEED,
-    tell: Tell = lambda done, total, name: None,
-) -> dict[str, Any]:
-    """Make the nulls that are not there yet, and write what all of them say.
-
-    `out`: gets a result a null in ``results/``, ``nulls.parquet``, ``nulls.json``, ``nulls.md`` and ``nulls.png``.
-    `workers`: processes; 0 works in this one [-].
-    Returns what `nulls_table.summary` gives. Raises OtherCodeError when the sources changed on the way; ClusterError
-    when no scheduler answers, or it is lost on the way.
-    """
-    items = items_of(kinds, first_seed)
-    results = results_of(p_of_null, items, out, workers, scheduler, tell)
-    rows = [row_of(item, result) for item, result in zip(items, results, strict=True)]
-    found = nulls_table.summary(rows, first_seed, code_of_a_case())
-    files = documents(rows, found) | {"nulls.parquet": many_table.as_parquet(rows, COLUMNS)}
-    write_files(out, files)
-    return found
 
 
 def row_of(item: Item, result: Result) -> dict[str, Any]:
     """A null as a row of the table; a failed one has its error."""
     value = result.value or {}
-    kind = Kind(item.argument["noise"], item.argument["with_runs"])
     return {
         "name": item.name,
-        "class": kind.name,
+        "class": item.name.rpartition("-")[0],
         "seed": item.argument["seed"],
         "p_value": value.get("p_value"),
         "statistic": value.get("statistic"),
@@ -132,36 +90,28 @@ def row_of(item: Item, result: Result) -> dict[str, Any]:
     }
 
 
-def documents(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> dict[str, bytes]:
-    """The result as a document, a page and a picture, by file name."""
-    return {
-        "nulls.json": json_bytes(found),
-        "nulls.md": nulls_table.page(found).encode(),
-        "nulls.png": nulls_table.picture(rows),
-    }
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print its table, and return the exit code."""
-    given = _parser().parse_args(arguments)
-    kinds = {Kind(noise): given.sweeps for noise in given.noise if given.sweeps}
-    kinds |= {Kind(noise, True): given.with_runs for noise in given.noise if given.with_runs}
-    if not kinds:
-        return refuse("nulls", "nothing to do: --sweeps and --with-runs are both 0; give one of them a number")
-    return go("nulls", given, nulls_table.PAGE, partial(run_campaign, kinds), nulls_table.table)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = command_line("nulls", __doc__, FIRST_SEED, "of each class", nulls_table.PAGE)
-    parser.add_argument(
-        "--sweeps", type=whole_number, default=SWEEPS, help="sweeps of each class of noise (%(default)s)"
-    )
-    parser.add_argument(
-        "--with-runs", type=whole_number, default=WITH_RUNS, help="the same with two runs each (%(default)s)"
-    )
-    parser.add_argument("--noise", nargs="+", choices=NOISES, default=NOISES, help="classes of noise; all if left out")
-    return parser
-
+STUDY = Study(
+    name="nulls",
+    words=__doc__,
+    roots=("calibration.studies.nulls_draw", DIAGNOSIS),
+    task=p_of_null,
+    items=items_of,
+    first_seed=200_000,
+    options={
+        "--sweeps": {"type": whole_number, "default": SWEEPS, "help": "sweeps of each class of noise (%(default)s)"},
+        "--with-runs": {
+            "type": whole_number,
+            "default": WITH_RUNS,
+            "help": "the same with two runs each (%(default)s)",
+        },
+        "--noise": {"nargs": "+", "choices": NOISES, "default": NOISES, "help": "classes of noise; all if left out"},
+    },
+    row=row_of,
+    columns=COLUMNS,
+    summary=nulls_table.summary,
+    documents=nulls_table.documents,
+    told=nulls_table.table,
+)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(STUDY))

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 
 from calibration.data.runs_in_time import placeholders
 from calibration.systems.radial_piston.predict.nuisances import SI_OF
@@ -107,9 +108,8 @@ def unit_noise(noise: str, n: int, rng: np.random.Generator) -> np.ndarray:
         return rng.standard_t(DEGREES, n) * math.sqrt((DEGREES - 2.0) / DEGREES)
     found = rng.standard_normal(n)
     if noise == "correlated":
-        new = math.sqrt(1.0 - CORRELATION**2)
-        for i in range(1, n):
-            found[i] = CORRELATION * found[i - 1] + new * found[i]
+        new, before = math.sqrt(1.0 - CORRELATION**2), [CORRELATION * found[0]]
+        found[1:] = lfilter([new], [1.0, -CORRELATION], found[1:], zi=before)[0]
     return found
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from calibration.challenge.intervals import clopper_pearson
+from calibration.challenge.pages.tables import Grid, as_markdown
+from calibration.studies.campaigns import Row, Rows
 from calibration.studies.nulls_draw import CORRELATION, DEGREES, MISDECLARED
+from rig.recording.files import json_bytes
 
 ALPHAS = (0.01, 0.05)
 BAND = 0.99  # of a binomial count of a test that keeps its word
 INTERVAL = 0.95  # Clopper-Pearson, of the rate seen
-PAGE = ("nulls.json", "nulls.md", "nulls.png")
 SMALLEST_SHOWN = 1e-3
 IN_WORDS = {
     "declared": "Gaussian, as declared",
@@ -23,8 +25,6 @@ IN_WORDS = {
     "heavy": f"Student's t with {DEGREES} degrees of freedom, of the declared standard deviation",
 }
 RUNS = "_with_runs"
-
-Rows = Sequence[Mapping[str, Any]]
 
 
 def summary(rows: Rows, first_seed: int, code: str) -> dict[str, Any]:
@@ -48,23 +48,28 @@ def binomial_band(n: int, alpha: float) -> tuple[int, int]:
     return int(low), int(high)
 
 
-def table(found: Mapping[str, Any]) -> str:
+def table(found: Row) -> str:
     """The classes as a table in Markdown."""
     head = ["class", "nulls", "failed"]
     for alpha in ALPHAS:
-        head += [f"p < {alpha:g}", f"within {100 * BAND:g} %"]
-    lines = [_line([*head, "KS p", "s each"]), _line(["---"] * (len(head) + 2))]
+        head += [f"p below {alpha:g}", f"within {100 * BAND:g} %"]
+    rows = []
     for name, one in found["classes"].items():
         cells = [name, str(one["nulls"]), str(one["failed"])]
         for alpha in ALPHAS:
             rate = one["rates"].get(f"{alpha:g}")
             cells += [_share(rate), ("yes" if rate["inside"] else "**no**") if rate else "-"]
         uniform = one["ks_p_value"]
-        lines.append(_line([*cells, "-" if uniform is None else f"{uniform:.2g}", f"{one['seconds_median']:.1f}"]))
-    return "\n".join(lines)
+        rows.append((*cells, "-" if uniform is None else f"{uniform:.2g}", f"{one['seconds_median']:.1f}"))
+    return as_markdown(Grid("", (*head, "KS p", "s each"), rows))
 
 
-def page(found: Mapping[str, Any]) -> str:
+def documents(found: Row, rows: Rows) -> dict[str, bytes]:
+    """The result as a document, a page and a picture, by file name."""
+    return {"nulls.json": json_bytes(found), "nulls.md": page(found).encode(), "nulls.png": picture(rows)}
+
+
+def page(found: Row) -> str:
     """A page for the docs."""
     noises = dict.fromkeys((n.removesuffix(RUNS), one["noise"]) for n, one in found["classes"].items())
     errors = {name: one["errors"] for name, one in found["classes"].items() if one["errors"]}
@@ -74,7 +79,7 @@ def page(found: Mapping[str, Any]) -> str:
         "Recordings are drawn from the model itself, every nuisance from its prior, with nothing concealed; the first "
         "steps of a diagnosis (base model, test) give each a p-value. A calibrated test gives p < 0.01 in 1 % of them "
         "and p < 0.05 in 5 %.\n\n"
-        f"{table(found)}\n\n"
+        f"{table(found)}\n"
         f"Shares are of the nulls that did not fail, with {100 * INTERVAL:g} % Clopper-Pearson intervals. *Within "
         f"{100 * BAND:g} %*: the count lies in the central {100 * BAND:g} % of the binomial law of a calibrated test. "
         "*KS p*: of a Kolmogorov-Smirnov test of the p-values against uniform. *s each*: median time in a worker.\n\n"
@@ -160,7 +165,3 @@ def _share(rate: Mapping[str, Any] | None) -> str:
     if not rate:
         return "-"
     return f"{100 * rate['share']:.1f} % ({100 * rate['low']:.1f}-{100 * rate['high']:.1f})"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"

@@ -9,26 +9,22 @@ pressures drawn anew; noise, rounding, offsets, scales and single bad readings a
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import sys
-from collections.abc import Sequence
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration.studies.campaigns import command_line, go, refuse, results_of, whole_number
-from calibration.work.many import Item, Tell
-from calibration.work.sources import imported_sha256
-from rig.recording.files import json_bytes, write_files
+from calibration.studies.campaigns import Row, Rows, Study, StudyError, main, whole_number
+from calibration.work.many import Item
+from rig.recording.files import json_bytes
 
 DRAWS = 127  # posterior draws that a truth is ranked among: 128 possible ranks
 SETTINGS = {"effective_samples": 2000, "most_steps": 1500, "times_tau": 12.0}
 PRESSURES_BAR = (1.3, 2.3)  # true pressures of the simulated plateaus
 PLATEAUS = 7
-FIRST_SEED, FITS = 100_000, 300
-PAGE = ("sbc.json", "sbc_ranks.png")
+FITS = 300
 
 
 def simulate_and_rank(seed: int, **changed: float) -> dict[str, Any]:
@@ -105,41 +101,23 @@ def simulated_recording(rng: np.random.Generator) -> tuple[Any, dict[str, float]
     return recording, truth
 
 
-def run_campaign(
-    fits: int,
-    out: Path,
-    workers: int,
-    scheduler: str | None = None,
-    first_seed: int = FIRST_SEED,
-    tell: Tell = lambda done, total, name: None,
-) -> dict[str, Any]:
-    """Make the fits that are not there yet, and write what all of them say.
-
-    `out`: gets a result a fit in ``results/``, ``sbc.json`` and ``sbc_ranks.png``.
-    `workers`: processes; 0 works in this one [-].
-    Returns what `summary` gives. Raises OSError when no scheduler answers, or it is lost on the way; when no fit was
-    made at all.
-    """
-    code = imported_sha256("calibration.studies.sbc", "calibration.fit.fit")
-    items = [Item(f"fit-{seed}", seed, code) for seed in range(first_seed, first_seed + fits)]
-    made = results_of(simulate_and_rank, items, out, workers, scheduler, tell)
-    results = [one.value for one in made if one.value is not None]
-    if not results:
-        raise OSError(f"none of the {fits} fits was made; the first says: {made[0].error}")
-    found = summary(results) | {"first_seed": first_seed, "failed": len(made) - len(results)}
-    write_files(out, {"sbc.json": json_bytes(found), "sbc_ranks.png": rank_plot(results)})
-    return found
+def items_of(given: argparse.Namespace, code: str) -> list[Item]:
+    """Every fit of a campaign."""
+    return [Item(f"fit-{seed}", seed, code) for seed in range(given.first_seed, given.first_seed + given.fits)]
 
 
-def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
+def summary(rows: Rows, first_seed: int, _code: str) -> dict[str, Any]:
     """Uniformity of the ranks and coverage of f_overall's intervals.
 
     Returns fits, the share converged, coverage with its binomial 95 % interval, and for every unknown the p-value of a
     Kolmogorov-Smirnov test of its ranks against uniform; beside it that of the drawn truths against the prior, for
-    ranks of what a recording does not inform are the luck of the draw.
+    ranks of what a recording does not inform are the luck of the draw. Raises StudyError when no fit was made at all.
     """
     from scipy import stats
 
+    results = _made(rows)
+    if not results:
+        raise StudyError(f"none of the {len(rows)} fits was made; the first says: {rows[0]['error']}")
     n = len(results)
     coverage = {}
     for level in ("50", "90"):
@@ -161,10 +139,17 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
             name: float(stats.kstest([r["truth"][name] for r in results], "norm").pvalue) for name in uniform
         },
         "settings": SETTINGS,
+        "first_seed": first_seed,
+        "failed": len(rows) - n,
     }
 
 
-def rank_plot(results: list[dict[str, Any]]) -> bytes:
+def documents(found: Row, rows: Rows) -> dict[str, bytes]:
+    """The result as a document and a picture, by file name."""
+    return {"sbc.json": json_bytes(found), "sbc_ranks.png": rank_plot(_made(rows))}
+
+
+def rank_plot(results: Rows) -> bytes:
     """PNG of the rank histograms, one panel an unknown, with the band that holds 99 % of uniform histograms' bars."""
     from scipy import stats
 
@@ -187,15 +172,24 @@ def rank_plot(results: list[dict[str, Any]]) -> bytes:
         return style.png(figure)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign of a command line, print what it comes to, and return the exit code."""
-    parser = command_line("sbc", __doc__, FIRST_SEED, "of the first", PAGE)
-    parser.add_argument("--fits", type=whole_number, default=FITS, help="recordings drawn and fitted (%(default)s)")
-    given = parser.parse_args(arguments)
-    if not given.fits:
-        return refuse("sbc", "nothing to do: --fits is 0; give it a number")
-    return go("sbc", given, PAGE, partial(run_campaign, given.fits), lambda found: json_bytes(found).decode().rstrip())
+def _made(rows: Rows) -> Rows:
+    return [row for row in rows if not row["error"]]
 
+
+STUDY = Study(
+    name="sbc",
+    words=__doc__,
+    roots=("calibration.studies.sbc", "calibration.fit.fit"),
+    task=simulate_and_rank,
+    items=items_of,
+    first_seed=100_000,
+    options={
+        "--fits": {"type": whole_number, "default": FITS, "help": "recordings drawn and fitted (%(default)s)"},
+    },
+    summary=summary,
+    documents=documents,
+    told=lambda found: json_bytes(found).decode().rstrip(),
+)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(STUDY))

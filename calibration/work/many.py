@@ -14,7 +14,7 @@ import multiprocessing
 import time
 import uuid
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -58,12 +58,18 @@ class Result:
 
     `error`: why there is no value, in words; empty when there is one.
     `seconds`: wall time of the task in its worker [s].
+    `error_types`: names of the error's class and of those that it derives from.
     """
 
     name: str
     value: dict[str, Any] | None
     error: str
     seconds: float
+    error_types: tuple[str, ...] = ()
+
+    def failed_by(self, kind: type[Exception]) -> bool:
+        """Whether its error is of this kind."""
+        return kind.__name__ in self.error_types
 
 
 def run_many(
@@ -94,7 +100,7 @@ def run_many(
 
     def keep(item: Item, made: dict[str, Any]) -> None:
         write_file(_place(out, item.name), json.dumps({"name": item.name, "mark": item.mark} | made).encode())
-        found[item.name] = Result(item.name, made["value"], made["error"], made["seconds"])
+        found[item.name] = _result(item.name, made)
         tell(len(found), len(items), item.name)
 
     if scheduler is not None and missing:
@@ -113,13 +119,15 @@ def read_results(items: Sequence[Item], out: Path) -> list[Result | None]:
 
 
 def call(task: Task, argument: Any) -> dict[str, Any]:
-    """A task's value, or its error in words, with its time [s]."""
+    """A task's value, or its error in words with its kinds, and its time [s]."""
     began = time.monotonic()
     try:
-        value, error = task(argument), ""
+        made: dict[str, Any] = {"value": task(argument), "error": "", "error_types": []}
     except Exception as problem:  # whatever one item does, the others are done
-        value, error = None, f"{type(problem).__name__}: {problem}"
-    return {"value": value, "error": error, "seconds": round(time.monotonic() - began, 3)}
+        kind = type(problem)
+        types = [one.__name__ for one in kind.__mro__ if issubclass(one, Exception)]
+        made = {"value": None, "error": f"{kind.__name__}: {problem}", "error_types": types}
+    return made | {"seconds": round(time.monotonic() - began, 3)}
 
 
 def _place(out: Path, name: str) -> Path:
@@ -131,14 +139,19 @@ def _read(out: Path, item: Item) -> Result | None:
         data = json.loads(_place(out, item.name).read_text(encoding="utf-8"))
         if data["mark"] != item.mark:
             return None
-        return Result(item.name, data["value"], data["error"], data["seconds"])
+        return _result(item.name, data)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
+def _result(name: str, made: Mapping[str, Any]) -> Result:
+    types = made.get("error_types", [made["error"].partition(":")[0]])  # in an older file its class alone is told
+    return Result(name, made["value"], made["error"], made["seconds"], tuple(types))
+
+
 def _gone(how_often: str) -> dict[str, Any]:
     words = f"the worker died {how_often} over this item; it may need more memory than there is"
-    return {"value": None, "error": words, "seconds": 0.0}
+    return {"value": None, "error": words, "error_types": [], "seconds": 0.0}
 
 
 class _Worker:

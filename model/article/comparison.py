@@ -14,16 +14,10 @@ from model.solvers.published import TIME_STEP
 class Comparison:
     """One printed result.
 
-    Attributes
-    ----------
-    quantity, unit : str
-        What is compared.
-    published_low, published_high : float
-        As printed; the same figure twice where the article gives no range.
-    ours : float
-        Computed here.
-    why : str
-        The reason of the difference, in one sentence.
+    `quantity`, `unit`: what is compared.
+    `published_low`, `published_high`: as printed; the same figure twice where the article gives no range.
+    `ours`: computed here.
+    `why`: the reason of the difference, in one sentence.
     """
 
     quantity: str
@@ -42,10 +36,7 @@ class Comparison:
 def compare(found: Reproduction) -> tuple[Comparison, ...]:
     """Every result that the article prints in words, beside ours, in the article's order.
 
-    Parameters
-    ----------
-    found : Reproduction
-        What was computed.
+    `found`: what was computed.
     """
     return (_speed(found), *_best_friction(found), _friction_step(found), _growth(found), *_flows(found))
 

@@ -20,6 +20,7 @@ FRICTIONS = (0.0625, 0.0633, 0.0640)  # N m s; Fig. 11
 DIAMETER, GROWTH = 24.02517, 1.775  # mm; section 5 and the abstract, for Fig. 12
 SWEEP_PA = np.array([1.60, 1.70, 1.80, 1.83, 1.85, 1.95, 2.00]) * BAR  # Table 3, and the average of the abstract
 STEP_STUDY = ((5000, 4500), (STEPS, FIRST_AVERAGED), (10_000, FIRST_AVERAGED))  # steps, and the first one averaged
+ROUNDS = 4  # of scaling a friction; each leaves a few hundredths of the error before
 TIME_STEPS_S = (0.5 * TIME_STEP, TIME_STEP, 2.0 * TIME_STEP, 4.0 * TIME_STEP)
 
 
@@ -57,32 +58,20 @@ class PeakRow:
 class Reproduction:
     """Everything that is compared with the article.
 
-    Attributes
-    ----------
-    angle_rad, volume_m3 : ndarray, shape (n,)
-        Fig. 5: one cylinder over one turn.
-    run, transient, steady_rpm : March, Transient, float
-        Fig. 9: spin-up at 2.0 bar by the published steps and resolved in angle, and the speed that both approach.
-    sweep_pa : ndarray, shape (p,)
-        Inlet pressures of Fig. 11 and 12 [Pa].
-    friction_rpm : ndarray, shape (3, p)
-        Fig. 11: averaged speed of the published algorithm for each of `FRICTIONS`.
-    diameters_mm, diameter_rpm : ndarray, shape (d,) and (d, p)
-        Fig. 12.
-    cycle : March
-        Fig. 13 and 14: the last cycle of the first cylinder at 2.0 bar, its angle within the lobe.
-    step_rows : tuple of StepRow
-        Section 3.
-    peak_rows : tuple of PeakRow
-        For Fig. 14.
-    measured : Measured or None
-        Table 3.
-    plateau_march_rpm, plateau_rpm, plateau_flow_l_min : ndarray, shape (n,)
-        At Table 3's pressures: averaged speed of the published algorithm, steady speed, steady flow; empty without it.
-    plateau_friction_rpm : ndarray, shape (3, n)
-        The averaged speed for each of `FRICTIONS`.
-    best_friction : float or None
-        f_overall whose averaged speeds fit Table 3's in least squares, all else at its default [N m s].
+    `angle_rad`, `volume_m3`, shape (n,): Fig. 5: one cylinder over one turn.
+    `run`, `transient`, `steady_rpm`: Fig. 9: spin-up at 2.0 bar by the published steps and resolved in angle, and the
+        speed that both approach.
+    `sweep_pa`, shape (p,): inlet pressures of Fig. 11 and 12 [Pa].
+    `friction_rpm`, shape (3, p): Fig. 11: averaged speed of the published algorithm for each of `FRICTIONS`.
+    `diameters_mm`, `diameter_rpm`, shape (d,) and (d, p): Fig. 12.
+    `cycle`: Fig. 13 and 14: the last cycle of the first cylinder at 2.0 bar, its angle within the lobe.
+    `step_rows`: Section 3.
+    `peak_rows`: for Fig. 14.
+    `measured`: Table 3.
+    `plateau_march_rpm`, `plateau_rpm`, `plateau_flow_l_min`, shape (n,): at Table 3's pressures: averaged speed of the
+        published algorithm, steady speed, steady flow; empty without it.
+    `plateau_friction_rpm`, shape (3, n): the averaged speed for each of `FRICTIONS`.
+    `best_friction`: f_overall whose averaged speeds fit Table 3's in least squares, all else at its default [N m s].
     """
 
     angle_rad: np.ndarray
@@ -108,12 +97,8 @@ class Reproduction:
 def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
     """Compute what the article shows. Returns figures and tables as arrays.
 
-    Parameters
-    ----------
-    motor : Motor
-        The published motor.
-    measured : Measured, optional
-        Table 3; without it nothing is compared with measurements.
+    `motor`: the published motor.
+    `measured`: Table 3; without it nothing is compared with measurements.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
     run = march(motor, PRESSURE_SHOWN)
@@ -147,31 +132,22 @@ def reproduce(motor: Motor, measured: Measured | None = None) -> Reproduction:
 def averaged_speeds(motor: Motor, pressures: np.ndarray, **values: float) -> np.ndarray:
     """Averaged speed of the published algorithm. Returns an array, shape (n,): speeds [rpm].
 
-    Parameters
-    ----------
-    **values : float
-        Parameters to change, each in its own unit.
+    `values`: parameters to change, each in its own unit.
     """
     changed = motor.with_values(values)
     return np.array([march(changed, float(P)).mean_speed_rpm for P in pressures])
 
 
-def best_friction(motor: Motor, measured: Measured, rounds: int = 4) -> float:
+def best_friction(motor: Motor, measured: Measured) -> float:
     """f_overall whose averaged speeds meet the measured ones in least squares [N m s].
 
     The speed goes very nearly as 1/f_overall, so each round scales it by the factor that fits the speeds best.
 
-    Parameters
-    ----------
-    motor : Motor
-        The motor; its f_overall is the start.
-    measured : Measured
-        The recorded sweep.
-    rounds : int
-        Rounds of scaling [-]; each leaves a few hundredths of the error before.
+    `motor`: the motor; its f_overall is the start.
+    `measured`: the recorded sweep.
     """
     f = motor["f_overall"].value
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         speed = averaged_speeds(motor, measured.pressure_pa, f_overall=f)
         f /= float(speed @ measured.speed_rpm / (speed @ speed))
     return f
@@ -180,12 +156,8 @@ def best_friction(motor: Motor, measured: Measured, rounds: int = 4) -> float:
 def last_cycle(run: March, lobe_rad: float) -> March:
     """The last whole cycle of the first cylinder, its angle counted from the start of the lobe.
 
-    Parameters
-    ----------
-    run : March
-        A run with at least two lobes in it.
-    lobe_rad : float
-        Angle of a lobe [rad].
+    `run`: a run with at least two lobes in it.
+    `lobe_rad`: angle of a lobe [rad].
     """
     lobe = np.floor(run.angle_rad / lobe_rad)
     last = lobe == lobe[-1] - 1
@@ -212,10 +184,7 @@ def study_steps(motor: Motor) -> tuple[StepRow, ...]:
 def peaks(motor: Motor, time_step_s: float) -> PeakRow:
     """Peaks of the flows at 2.0 bar with another step, from the second half of the run.
 
-    Parameters
-    ----------
-    time_step_s : float
-        Length of a step [s].
+    `time_step_s`: length of a step [s].
     """
     run = march(motor, PRESSURE_SHOWN, steps=round(STEPS * TIME_STEP / time_step_s), dt=time_step_s)
     half = run.time_s.size // 2

@@ -4,12 +4,14 @@ definitions                  a file an effect; `library` finds them, `effect` sa
 laws                         sets of effects: their torques, losses, leaks and readings
 steady, transient, averaged, uneven, neighbourhood   the solvers that take them up
 
-Parameters
-----------
-chosen : mapping of str to mapping
-    A set of effects: effect id to the values of its parameters.
-state : State
-    The operating state, arrays of shape (n,).
+`chosen`: a set of effects: effect id to the values of its parameters.
+`state`: the operating state, arrays of shape (n,).
+`parameters`, shape (n, 26): base parameters of each row [SI].
+`pressures`, shape (n,): true line pressures [Pa].
+`gas`, shape (n, 12): gas of each row, of `model.solvers.steady.gas_table`.
+`time`, shape (n,): of each row on the recording's clock [s].
+`clock`: time of the recording's clock at time 0 of the run [s].
+`those`: effects of a set, each with its values: `laws.members`.
 """
 
 from model.effects.effect import Effect, EffectParameter, State

@@ -1,6 +1,10 @@
 """Runs in time by the mean torque, effects included: fast and smooth, for what a run does when something changes.
 
 Torque and flow are tabulated over the speed for each span of the supply; the speed then follows by Runge-Kutta steps.
+
+`parameters`, shape (26,): base parameters [SI].
+`gas`, shape (12,): gas of an operating point.
+`time`, shape (n,): increasing sample times [s]; the first is the start.
 """
 
 from __future__ import annotations
@@ -53,20 +57,9 @@ def speeds(
 ) -> np.ndarray:
     """Mean speed since the sample before [rad/s], shape (n,); a tachometer's lag is not in it.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (26,)
-        Base parameters [SI].
-    supply : sequence of Supply, or ndarray, shape (n, 3)
-        The line, true pressures; as rows of start [s], pressure [Pa], and 1 where it is open.
-    time : ndarray, shape (n,)
-        Increasing sample times [s]; the first is the start.
-    start_rad_s : float
-        Speed at the start [rad/s].
-    clock : float
-        Time of the recording's clock at time 0 of the run [s].
-    start_rad : float
-        Angle of the shaft at the start, for torques that follow it [rad].
+    `supply`: the line, true pressures; or as an array, shape (n, 3), of start [s], pressure [Pa], and 1 where open.
+    `start_rad_s`: speed at the start [rad/s].
+    `start_rad`: angle of the shaft at the start, for torques that follow it [rad].
     """
     chosen = laws.switched_on(chosen)
     if not any(effect.periodic for effect, _ in laws.members(chosen)):

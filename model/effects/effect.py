@@ -21,24 +21,16 @@ Channel = Literal["pressure", "flow", "speed"]
 class EffectParameter:
     """A parameter of an effect.
 
-    Attributes
-    ----------
-    name : str
-        With its unit: ``torque_nm``.
-    unit : str
-        As reports print it.
-    low, high : float
-        Bounds of what an engineer would believe [own unit]; a fit that wants more is refused, not reported.
-    scale : float
-        Size that is ordinary for the effect [own unit]: the scale of the prior.
-    expected : float
-        Where the prior of an amplitude is centred [own unit]: 0, but where a rig either has the effect or has it not.
-    shape : bool
-        Whether it shapes the law (a time constant, a speed) and says nothing without an amplitude. An amplitude has a
-        prior of that scale with longer tails than the normal law's (`calibration.likelihood.tails`), folded at 0 where
-        ``low`` is 0; a shape a log-normal one of a factor of 2.
-    text : str
-        What it is.
+    `name`: with its unit: ``torque_nm``.
+    `unit`: as reports print it.
+    `low`, `high`: bounds of what an engineer would believe [own unit]; a fit that wants more is refused, not reported.
+    `scale`: size that is ordinary for the effect [own unit]: the scale of the prior.
+    `expected`: where the prior of an amplitude is centred [own unit]: 0, but where a rig either has the effect or has
+        it not.
+    `shape`: whether it shapes the law (a time constant, a speed) and says nothing without an amplitude. An amplitude
+        has a prior of that scale with longer tails than the normal law's (`calibration.likelihood.tails`), folded at 0
+        where ``low`` is 0; a shape a log-normal one of a factor of 2.
+    `text`: what it is.
     """
 
     name: str
@@ -55,28 +47,16 @@ class EffectParameter:
 class State:
     """The operating state that laws see, arrays of shape (n,), a row or sample each.
 
-    Attributes
-    ----------
-    omega : ndarray
-        Size of the speed [rad/s].
-    angle : ndarray
-        Shaft angle [rad]; nan where it is not known.
-    mass_flow : ndarray
-        Through the inlet [kg/s].
-    pressure : ndarray
-        In the line [Pa], absolute.
-    temperature : ndarray
-        Of the gas in the line [K].
-    ambient : ndarray
-        Ambient pressure [Pa].
-    gas_constant : ndarray
-        R of the gas [J/(kg K)].
-    friction : ndarray
-        f_overall [N m s].
-    load : ndarray
-        Roller torque per unit of f_r [N m]: the gas force on its arm.
-    time : ndarray
-        On the recording's clock [s].
+    `omega`: size of the speed [rad/s].
+    `angle`: shaft angle [rad]; nan where it is not known.
+    `mass_flow`: through the inlet [kg/s].
+    `pressure`: in the line [Pa], absolute.
+    `temperature`: of the gas in the line [K].
+    `ambient`: ambient pressure [Pa].
+    `gas_constant`: R of the gas [J/(kg K)].
+    `friction`: f_overall [N m s].
+    `load`: roller torque per unit of f_r [N m]: the gas force on its arm.
+    `time`: on the recording's clock [s].
     """
 
     omega: np.ndarray
@@ -100,10 +80,7 @@ class State:
 def unknown_state(like: np.ndarray) -> State:
     """A state of which nothing is known, for sensors whose law looks at none.
 
-    Parameters
-    ----------
-    like : ndarray, shape (n,)
-        For its size.
+    `like`, shape (n,): for its size.
     """
     return State(*[np.full_like(like, np.nan)] * 10)
 
@@ -117,51 +94,32 @@ Reads = Callable[[Values, np.ndarray, State], np.ndarray]
 class Effect:
     """One effect.
 
-    Attributes
-    ----------
-    id : str
-        Its stable name, that of its module.
-    acts_in : str
-        ``torque``, ``gas path``, ``sensor`` or ``rig``.
-    title : str
-        For people.
-    sentence : str
-        How a finding is reported, with the parameters' names in braces.
-    source : str
-        Where the law comes from.
-    signature : str
-        What it looks like in a sweep and in a transient.
-    parameters : tuple of EffectParameter
-        Amplitude first.
-    torque : Law or None
-        Torque that opposes the motion [N m]; laws see the size of the speed, whichever way the motor turns.
-    inlet_drop, outlet_rise : Law or None
-        Pressure lost ahead of the cylinders, and added behind them [Pa].
-    leak : Law or None
-        Flow that enters and does no work [kg/s].
-    factors : mapping of str to callable
-        Parameter of the motor (a name of `model.layout`) to the factor on it [-].
-    reads : mapping of str to Reads
-        ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s]: what the instrument reads of the true value.
-    lag : callable or None
-        Time constant of the speed channel [s].
-    nuisance : str
-        The instrument error or parameter that every fit carries and this effect exceeds; empty where there is none.
-    usual_sd : float or None
-        How far the article's own law may be off in this effect's way, where no parameter of the motor says so: a size
-        of three of it and less is no missing effect [the amplitude's unit].
-    transient_only : bool
-        Whether a steady row says nothing of it.
-    hidden : bool
-        Whether the motor's own parameters can take it up along a valley too curved to be seen from the base model, even
-        with runs in time: it is then refitted whatever the straight model says of it.
-    listed : bool
-        Whether a diagnosis may name it. One that is not stands for what nothing listed is: if it explains a recording,
-        that is unresolved. A fit or a simulation can have it like any other.
-    turned : callable or None
-        Its values for a shaft whose angle is counted from so many radians farther back, where it follows the angle.
-    periodic : bool
-        Whether the torque is fixed to the shaft's angle: it then opposes turning forward, and helps turning back.
+    `id`: its stable name, that of its module.
+    `acts_in`: ``torque``, ``gas path``, ``sensor`` or ``rig``.
+    `title`: for people.
+    `sentence`: how a finding is reported, with the parameters' names in braces.
+    `source`: where the law comes from.
+    `signature`: what it looks like in a sweep and in a transient.
+    `parameters`: amplitude first.
+    `torque`: torque that opposes the motion [N m]; laws see the size of the speed, whichever way the motor turns.
+    `inlet_drop`, `outlet_rise`: pressure lost ahead of the cylinders, and added behind them [Pa].
+    `leak`: flow that enters and does no work [kg/s].
+    `factors`: parameter of the motor (a name of `model.layout`) to the factor on it [-].
+    `reads`: ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s]: what the instrument reads of the true value.
+    `lag`: time constant of the speed channel [s].
+    `nuisance`: the instrument error or parameter that every fit carries and this effect exceeds; empty where there is
+        none.
+    `usual_sd`: how far the article's own law may be off in this effect's way, where no parameter of the motor says so:
+        a size of three of it and less is no missing effect [the amplitude's unit].
+    `transient_only`: whether a steady row says nothing of it.
+    `hidden`: whether the motor's own parameters can take it up along a valley too curved to be seen from the base
+        model, even with runs in time: it is then refitted whatever the straight model says of it.
+    `listed`: whether a diagnosis may name it. One that is not stands for what nothing listed is: if it explains a
+        recording, that is unresolved. A fit or a simulation can have it like any other.
+    `turned`: its values for a shaft whose angle is counted from so many radians farther back, where it follows the
+        angle.
+    `periodic`: whether the torque is fixed to the shaft's angle: it then opposes turning forward, and helps turning
+        back.
     """
 
     id: str

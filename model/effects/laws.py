@@ -40,12 +40,8 @@ def switched_on(chosen: Chosen) -> dict[str, Values]:
 def rows_of(chosen: Chosen, which: np.ndarray) -> dict[str, Values]:
     """A set for some rows: of values that differ from row to row, theirs.
 
-    Parameters
-    ----------
-    chosen : mapping
-        The set; a value is a number, or an array with one a row.
-    which : ndarray of int, shape (k,)
-        Indices of the rows.
+    `chosen`: the set; a value is a number, or an array with one a row.
+    `which`, shape (k,) of int: indices of the rows.
     """
     return {
         name: {key: np.asarray(value)[which] if np.ndim(value) else value for key, value in values.items()}
@@ -64,12 +60,8 @@ def members(chosen: Chosen) -> Members:
 def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
     """Parameters with the factors of a set on them.
 
+    `parameters`, shape (..., 26): parameter sets [SI].
     Returns a copy where there is a factor; the same array where there is none.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (..., 26)
-        Parameter sets [SI].
     """
     for effect, values in members(chosen):
         for name, factor in effect.factors.items():
@@ -81,10 +73,7 @@ def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
 def torque(chosen: Chosen, state: State) -> np.ndarray:
     """Sum of the torques that oppose the motion as it turns [N m].
 
-    Parameters
-    ----------
-    state : State
-        Operating state; where the motor turns back, the laws see the size of its speed.
+    `state`: operating state; where the motor turns back, the laws see the size of its speed.
     """
     return sum_of_torques(members(chosen), state.changed(omega=np.abs(state.omega)), state.omega < 0.0)
 
@@ -92,14 +81,9 @@ def torque(chosen: Chosen, state: State) -> np.ndarray:
 def sum_of_torques(those: Members, state: State, back: np.ndarray) -> np.ndarray:
     """Sum of the torques that oppose the motion [N m].
 
-    Parameters
-    ----------
-    those : list of (Effect, mapping)
-        Of `members`.
-    state : State
-        Operating state, speeds not negative.
-    back : ndarray of bool, shape (n,)
-        Where the motor turns back: a torque that is fixed to the shaft's angle then helps where it hindered.
+    `state`: operating state, speeds not negative.
+    `back`, shape (n,) of bool: where the motor turns back: a torque that is fixed to the shaft's angle then helps where
+        it hindered.
     """
     total = np.zeros_like(state.omega)
     for effect, values in those:
@@ -122,17 +106,12 @@ def leak(chosen: Chosen, state: State) -> np.ndarray:
 def tangent(here: float, faster: float, loaded: float, speed: float, load: float) -> tuple[float, float, float]:
     """A torque as a share of f_overall, a constant, and a share of the roller factor.
 
+    `here`, `faster`, `loaded`: torque at the state, at a speed of `step_of` more, and at a load of LOAD_STEP more [N
+        m].
+    `speed`: size of the speed [rad/s].
+    `load`: roller torque per unit of f_r [N m].
     Returns `slope`: share of f_overall [N m s]; `constant`: opposing torque [N m]; `roller`: share of the roller factor
     [-].
-
-    Parameters
-    ----------
-    here, faster, loaded : float
-        Torque at the state, at a speed of `step_of` more, and at a load of LOAD_STEP more [N m].
-    speed : float
-        Size of the speed [rad/s].
-    load : float
-        Roller torque per unit of f_r [N m].
     """
     roller = (loaded - here) / LOAD_STEP
     rest = here - roller * load
@@ -153,10 +132,7 @@ def tangent(here: float, faster: float, loaded: float, speed: float, load: float
 def step_of(speed: float) -> float:
     """Step of the speed over which a torque's slope is taken [rad/s].
 
-    Parameters
-    ----------
-    speed : float
-        Size of the speed [rad/s].
+    `speed`: size of the speed [rad/s].
     """
     return SPEED_STEP * speed + LEAST_STEP
 
@@ -178,14 +154,9 @@ def _add_torques(rows: np.ndarray, torques: np.ndarray, speed: np.ndarray, load:
 def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_friction: float = -np.inf) -> np.ndarray:
     """Parameters of each row with the set's torques and pressure losses in them, at the state as it stands.
 
+    `parameters`, shape (n, 26): with the factors on them [SI].
+    `least_friction`: share of f_overall that is left where a torque falls with speed [-]; unbounded when left out.
     Returns an array, shape (n, 26): a copy.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 26)
-        With the factors on them [SI].
-    least_friction : float
-        Share of f_overall that is left where a torque falls with speed [-]; unbounded when left out.
     """
     changed = parameters.copy()
     those = members(chosen)
@@ -207,12 +178,7 @@ def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_f
 def add_losses(rows: np.ndarray, those: Members, state: State) -> None:
     """Add the losses of pressure to the rows' own; some pressure is always left ahead of the cylinders.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (n, 26)
-        Parameters [SI], changed.
-    those : list of (Effect, mapping)
-        Of `members`.
+    `rows`, shape (n, 26): parameters [SI], changed.
     """
     for effect, values in those:
         if effect.inlet_drop is not None:
@@ -225,12 +191,8 @@ def add_losses(rows: np.ndarray, those: Members, state: State) -> None:
 def readings_of(chosen: Chosen, channel: str, true: np.ndarray, state: State) -> np.ndarray:
     """What an instrument reads of a true value, by the set.
 
-    Parameters
-    ----------
-    channel : str
-        ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
-    true : ndarray, shape (n,)
-        True value [SI].
+    `channel`: ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
+    `true`, shape (n,): True value [SI].
     """
     for effect, values in members(chosen):
         if channel in effect.reads:
@@ -241,10 +203,7 @@ def readings_of(chosen: Chosen, channel: str, true: np.ndarray, state: State) ->
 def behind_the_gauge(chosen: Chosen, shown: np.ndarray) -> np.ndarray:
     """The pressure at which a gauge shows this, the effects on its reading undone [Pa].
 
-    Parameters
-    ----------
-    shown : ndarray, shape (n,)
-        Reading [Pa].
+    `shown`, shape (n,): reading [Pa].
     """
     true = shown
     if any("pressure" in effect.reads for effect, _ in members(chosen)):

@@ -23,23 +23,9 @@ FARTHEST = 0.01  # relative change of speed or mass flow above which a row is so
 class Neighbourhood:
     """Operating points close to a solution.
 
-    Parameters
-    ----------
-    state : State
-        The solution, of `model.effects.steady.solve`. Rows of it that stall, or that a pass does not lead back to, are
-        solved in full each time.
-    parameters : ndarray, shape (n, 26)
-        Base parameters of each row [SI].
-    readings : ndarray, shape (5,)
-        `model.motor.Readings.vector`.
-    pressures : ndarray, shape (n,)
-        True line pressures [Pa].
-    gas : ndarray, shape (n, 12)
-        Gas of each row, of `model.solvers.steady.gas_table`; that of the whole neighbourhood.
-    chosen : mapping
-        Effect id to the values of its parameters.
-    time : ndarray, shape (n,)
-        Of each row on the recording's clock [s].
+    `state`: the solution, of `model.effects.steady.solve`. Rows of it that stall, or that a pass does not lead back to,
+        are solved in full each time.
+    `gas`, shape (n, 12): gas of each row, of `model.solvers.steady.gas_table`; that of the whole neighbourhood.
     """
 
     def __init__(
@@ -74,14 +60,7 @@ class Neighbourhood:
     def points(self, parameters: np.ndarray, pressures: np.ndarray, chosen: laws.Chosen) -> Points:
         """Operating points at other parameters, to first order in what they differ by; slopes too.
 
-        Parameters
-        ----------
-        parameters : ndarray, shape (n, 26)
-            Base parameters of each row [SI].
-        pressures : ndarray, shape (n,)
-            True line pressures [Pa].
-        chosen : mapping
-            The same effects, with other values.
+        `chosen`: the same effects, with other values.
         """
         if not self._known.any():
             return self._in_full(np.arange(pressures.size), parameters, pressures, chosen)

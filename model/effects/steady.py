@@ -24,18 +24,11 @@ TRIED_SPEEDS = 64  # where a tangent leads to a stall, for a speed at which the 
 class Points:
     """Operating points, arrays of shape (n,).
 
-    Attributes
-    ----------
-    speed : ndarray
-        Mean speed [rad/s]; 0 where the motor stalls.
-    flow : ndarray
-        Volume flow at the line's pressure and temperature, leaks included [m3/s].
-    speed_slope, flow_slope : ndarray
-        With pressure [rad/s/Pa], [m3/s/Pa]; 0 when not asked for.
-    running : ndarray of bool
-        False where the motor stalls or no state was found.
-    state : State
-        The operating state, for what the instruments make of it.
+    `speed`: mean speed [rad/s]; 0 where the motor stalls.
+    `flow`: volume flow at the line's pressure and temperature, leaks included [m3/s].
+    `speed_slope`, `flow_slope`: with pressure [rad/s/Pa], [m3/s/Pa]; 0 when not asked for.
+    `running`, array of bool: False where the motor stalls or no state was found.
+    `state`: the operating state, for what the instruments make of it.
     """
 
     speed: np.ndarray
@@ -59,20 +52,8 @@ def solve(
 
     Where the passes do not agree, ``running`` is False.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 26)
-        Base parameters of each row [SI].
-    pressures : ndarray, shape (n,)
-        True line pressures [Pa].
-    gas : ndarray, shape (n, 12)
-        Gas of each row, of `model.solvers.steady.gas_table`.
-    chosen : mapping
-        Effect id to the values of its parameters; a value may be an array of shape (n,), one a row.
-    time : ndarray, shape (n,)
-        Of each row on the recording's clock [s].
-    slopes : bool
-        Derivatives with pressure too, to 1 %; an effect's share in them is left aside.
+    `chosen`: effect id to the values of its parameters; a value may be an array of shape (n,), one a row.
+    `slopes`: derivatives with pressure too, to 1 %; an effect's share in them is left aside.
     """
     chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
@@ -118,16 +99,7 @@ def hang_on_state(chosen: laws.Chosen) -> bool:
 def given_state(parameters: np.ndarray, pressures: np.ndarray, gas: np.ndarray, time: np.ndarray) -> State:
     """What is known of the operating state before it is solved for: speed, angle, mass flow and load are nan.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 26)
-        With the effects' factors on them [SI].
-    pressures : ndarray, shape (n,)
-        True line pressures [Pa].
-    gas : ndarray, shape (n, 12)
-        Gas of each row, of `model.solvers.steady.gas_table`.
-    time : ndarray, shape (n,)
-        Of each row on the recording's clock [s].
+    `parameters`, shape (n, 26): with the effects' factors on them [SI].
     """
     unknown = np.full(pressures.size, np.nan)
     return State(
@@ -149,16 +121,10 @@ def one_pass(
 ) -> tuple[np.ndarray, State]:
     """The effects at a state, and the base solver with them. A state that this leads back to is a solution.
 
+    `parameters`, shape (n, 26): with the effects' factors on them [SI].
+    `state`: at which the laws are taken.
+    `solver`: from rows of parameters to the base solver's array.
     Returns `out`, shape (n, 9): of the base solver; `state`: at which it arrives.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 26)
-        With the effects' factors on them [SI].
-    state : State
-        At which the laws are taken.
-    solver : callable
-        From rows of parameters to the base solver's array.
     """
     changed = laws.row_parameters(parameters, chosen, state, laws.LEAST_FRICTION)
     out = solver(changed)

@@ -3,6 +3,10 @@
 Between two samples, or oftener where the speed changes fast, a torque is its tangent in speed and in roller load, so
 the error is of second order in what they change meanwhile. A pressure loss follows the mean flow, which settles within
 a few pulses of the cylinders.
+
+`parameters`, shape (26,): base parameters [SI].
+`gas`, shape (12,): gas of an operating point.
+`time`, shape (n,): increasing sample times [s]; the first is the start.
 """
 
 from __future__ import annotations
@@ -39,16 +43,10 @@ NONE = np.empty(0)
 class Run:
     """A run in time, arrays of shape (n,).
 
-    Attributes
-    ----------
-    time : ndarray
-        Of the samples [s].
-    angle, speed : ndarray
-        Shaft angle [rad] and speed [rad/s] at the samples.
-    reading : ndarray
-        Speed as the tachometer has it: the mean since the sample before, with its lag [rad/s].
-    inlet : ndarray
-        Mass that entered since the start, leaks included [kg].
+    `time`: of the samples [s].
+    `angle`, `speed`: shaft angle [rad] and speed [rad/s] at the samples.
+    `reading`: speed as the tachometer has it: the mean since the sample before, with its lag [rad/s].
+    `inlet`: mass that entered since the start, leaks included [kg].
     """
 
     time: np.ndarray
@@ -70,22 +68,10 @@ def simulate(
 ) -> Run:
     """Simulate from the first to the last sample.
 
+    `supply`: the line, true pressures.
+    `start`, shape (9 + 2 n,): state at the start.
+    `stride`: samples from one look at the laws to the next [-].
     Raises ArithmeticError when the integration fails.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (26,)
-        Base parameters [SI].
-    supply : sequence of Supply
-        The line, true pressures.
-    time : ndarray, shape (n,)
-        Increasing sample times [s]; the first is the start.
-    start : ndarray, shape (9 + 2 n,)
-        State at the start.
-    clock : float
-        Time of the recording's clock at time 0 of the run [s].
-    stride : int
-        Samples from one look at the laws to the next [-].
     """
     chosen = laws.switched_on(chosen)
     parameters = laws.with_factors(parameters, chosen)
@@ -298,12 +284,7 @@ def _leaked(time: np.ndarray, speed: np.ndarray, entered: np.ndarray, case: _Cas
 def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np.ndarray:
     """What the tachometer makes of the mean speed [rad/s]: first-order lags, one after the other.
 
-    Parameters
-    ----------
-    mean : ndarray, shape (n,)
-        Mean speed since the sample before [rad/s].
-    time : ndarray, shape (n,)
-        Of the samples [s].
+    `mean`, shape (n,): mean speed since the sample before [rad/s].
     """
     for effect, values in laws.members(chosen):
         if effect.lag is None:
@@ -317,14 +298,8 @@ def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np
 def lagged(mean: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
     """Speeds behind a first-order lag [rad/s], shape (n,).
 
-    Parameters
-    ----------
-    mean : ndarray, shape (n,)
-        Mean speed since the sample before [rad/s].
-    time : ndarray, shape (n,)
-        Of the samples [s].
-    tau : float
-        The lag's time constant, above 0 [s].
+    `mean`, shape (n,): mean speed since the sample before [rad/s].
+    `tau`: the lag's time constant, above 0 [s].
     """
     found = mean.copy()
     for k in range(1, mean.size):

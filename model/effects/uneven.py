@@ -24,10 +24,7 @@ STANDS = 0.02  # of the mean torque's speed; a rotor that comes so low stays whe
 def around(those: laws.Members) -> np.ndarray:
     """Torque that opposes the motion over a turn of the shaft, its first value again at the end [N m], or one zero.
 
-    Parameters
-    ----------
-    those : sequence of (Effect, mapping)
-        Effects that follow the shaft, with their values.
+    `those`: effects that follow the shaft, with their values.
     """
     if not those:
         return np.zeros(1)
@@ -41,14 +38,8 @@ def share_of_speed(parameters: np.ndarray, chosen: laws.Chosen, speed: np.ndarra
 
     None where nothing follows the shaft.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 26)
-        Base parameters of each row [SI].
-    chosen : mapping
-        Effect id to the values of its parameters, one value for all rows.
-    speed : ndarray, shape (n,)
-        Of the mean torque [rad/s].
+    `chosen`: effect id to the values of its parameters, one value for all rows.
+    `speed`, shape (n,): of the mean torque [rad/s].
     """
     torque = around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
     if not np.any(torque):

@@ -8,16 +8,10 @@ The functions here take floats or arrays that broadcast, return the same, and ra
 `RANGES`. A kernel calls only `polynomial` on the coefficients of `transport_polynomials`, or the Sutherland laws: all
 compiled.
 
-Parameters
-----------
-T : float or array
-    Temperature [K], 230-400.
-P : float or array
-    Absolute pressure [Pa], 0.5e5-8e5.
-x_w : float or array
-    Mole fraction of water [mol/mol], 0-0.35.
-humidity : float or array
-    Relative humidity [fraction of saturation], 0-1; over ice below 273.16 K.
+`T`: temperature [K], 230-400.
+`P`: absolute pressure [Pa], 0.5e5-8e5.
+`x_w`: mole fraction of water [mol/mol], 0-0.35.
+`humidity`: relative humidity [fraction of saturation], 0-1; over ice below 273.16 K.
 """
 
 from __future__ import annotations

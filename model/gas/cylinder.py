@@ -35,14 +35,9 @@ DRY_K = np.polynomial.Polynomial.fit(_T_FIT, transport.sutherland_conductivity(_
 def port_at(psi: float, lap: float, lobe: float) -> int:
     """Which port a cylinder sees at an angle: OUTLET, INLET or CLOSED.
 
-    Parameters
-    ----------
-    psi : float
-        Cylinder angle within a lobe [rad].
-    lap : float
-        Closed angle on each side of both dead centres [rad].
-    lobe : float
-        Angle of a lobe [rad].
+    `psi`: cylinder angle within a lobe [rad].
+    `lap`: closed angle on each side of both dead centres [rad].
+    `lobe`: angle of a lobe [rad].
     """
     half = 0.5 * lobe
     if lap <= psi < half - lap:
@@ -56,12 +51,8 @@ def port_at(psi: float, lap: float, lobe: float) -> int:
 def phase_of(port: int, dV: float) -> int:
     """Row of Table 2: by the open port, or by the sign of the volume's change when closed.
 
-    Parameters
-    ----------
-    port : int
-        OUTLET, INLET or CLOSED.
-    dV : float
-        Change of volume, any scale [-].
+    `port`: OUTLET, INLET or CLOSED.
+    `dV`: change of volume, any scale [-].
     """
     if port == OUTLET:
         return DISCHARGE
@@ -74,16 +65,10 @@ def phase_of(port: int, dV: float) -> int:
 def closed_rate(P: float, V: float, dVdt: float, Q: float, gamma: float) -> float:
     """Rate of pressure with both ports shut [Pa/s], Eq. 17.
 
-    Parameters
-    ----------
-    P, V : float
-        Pressure [Pa] and volume [m3].
-    dVdt : float
-        Rate of volume [m3/s].
-    Q : float
-        Heat into the gas [W].
-    gamma : float
-        Ratio of specific heats [-].
+    `P`, `V`: pressure [Pa] and volume [m3].
+    `dVdt`: rate of volume [m3/s].
+    `Q`: heat into the gas [W].
+    `gamma`: ratio of specific heats [-].
     """
     return ((gamma - 1.0) * Q - gamma * P * dVdt) / V
 
@@ -92,16 +77,10 @@ def closed_rate(P: float, V: float, dVdt: float, Q: float, gamma: float) -> floa
 def open_flow(P: float, T: float, dVdt: float, Q: float, T_port: float, gas: np.ndarray) -> float:
     """Mass flow into a cylinder whose open port holds its pressure [kg/s], Eq. 15 and 16 with dP/dt = 0.
 
-    Parameters
-    ----------
-    P, T : float
-        Pressure [Pa] and gas temperature [K].
-    dVdt : float
-        Rate of volume [m3/s].
-    Q : float
-        Heat into the gas [W].
-    T_port : float
-        Temperature of the gas that enters through this port [K]; what leaves has the cylinder's own.
+    `P`, `T`: pressure [Pa] and gas temperature [K].
+    `dVdt`: rate of volume [m3/s].
+    `Q`: heat into the gas [W].
+    `T_port`: temperature of the gas that enters through this port [K]; what leaves has the cylinder's own.
     """
     inward = P * dVdt / gas[at.GAS_R] - Q / gas[at.GAS_CP]
     return inward / T_port if inward > 0.0 else inward / T
@@ -113,14 +92,9 @@ def open_port(P: float, T: float, V: float, P_p: float, T_p: float, gas: np.ndar
 
     Filling (P < P_p) mixes adiabatically; blow-down (P > P_p) leaves the remaining gas isentropic.
 
+    `P`, `T`, `V`: pressure [Pa], temperature [K] and volume [m3] before.
+    `P_p`, `T_p`: pressure [Pa] and temperature [K] behind the port.
     Returns `T`: temperature after [K]; `dm`: mass that entered through the port [kg]; negative when it left.
-
-    Parameters
-    ----------
-    P, T, V : float
-        Pressure [Pa], temperature [K] and volume [m3] before.
-    P_p, T_p : float
-        Pressure [Pa] and temperature [K] behind the port.
     """
     R = gas[at.GAS_R]
     gamma = gas[at.GAS_CP] / (gas[at.GAS_CP] - R)

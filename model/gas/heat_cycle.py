@@ -5,6 +5,9 @@ is integrated by Gauss collocation over the six segments of the cycle, with the 
 pass before (Picard), since `steady` passes several times anyway. The points never touch a dead centre, where the
 piston's speed and with it Eq. 19 fall to zero within an angle that no step would resolve. The speed at each point is
 the local one, ripple included: near the lowest pressure that decides a third of a per cent.
+
+`node`, shape (24, 11): the collocation points, of `place_nodes`.
+`gamma`: ratio of specific heats that the points were placed with [-].
 """
 
 from __future__ import annotations
@@ -46,14 +49,8 @@ def place_nodes(
 ) -> tuple[float, float]:
     """Everything at the collocation points that hangs on the geometry, the lap and gamma alone.
 
+    `node`, shape (24, 11): filled.
     Returns `V_low, V_high`: volumes at the port edges [m3], piston in and piston out.
-
-    Parameters
-    ----------
-    gamma : float
-        Ratio of specific heats [-].
-    node : ndarray, shape (24, 11)
-        Filled.
     """
     A_p, lap, half, lobe = c[at.A_P], parameters[at.LAP], c[at.HALF_LOBE], c[at.LOBE_ANGLE]
     virtual_work = readings[at.VIRTUAL_WORK] > 0.0
@@ -96,18 +93,10 @@ def heat_per_angle(
 ) -> float:
     """Heat into the gas per angle [J/rad]: `gas.heat_transfer.cylinder_heat` over omega, its powers joined in one.
 
-    Parameters
-    ----------
-    phase : int
-        Row of Table 2.
-    P, T, omega : float
-        Pressure [Pa], temperature [K] and speed [rad/s].
-    node : ndarray, shape (11,)
-        The point.
-    parameters, gas : ndarray, shapes (26,) and (12,)
-        Parameter set and gas.
-    printed : bool
-        The wall's resistance as printed (erratum 2).
+    `phase`: row of Table 2.
+    `P`, `T`, `omega`: pressure [Pa], temperature [K] and speed [rad/s].
+    `node`, shape (11,): the point.
+    `printed`: the wall's resistance as printed (erratum 2).
     """
     if parameters[at.H_A] <= 0.0:
         return 0.0
@@ -149,28 +138,16 @@ def pass_cycle(
 ) -> tuple[float, float, float]:
     """One pass over the cycle, from the opening of the outlet.
 
+    `T`: temperature after blow-down [K].
+    `P_s`, `P_d`: port pressures [Pa].
+    `omega`, shape (24,): speed at the points [rad/s].
+    `V_low`, `V_high`: volumes at the port edges [m3].
+    `table_gamma`: ratio of specific heats that the points were placed with [-].
+    `stage`, shape (24,): what heat adds at the points: to T [K] in discharge, to P V^gamma when closed, to the mass
+        [kg] in suction. Taken from the pass before, and renewed.
+    `work`, shape (24,): filled with what heat adds to the work of a cycle at each point, less roller friction [J].
     Returns `T`: the same temperature a cycle later [K]; `m_in`: mass taken from the inlet [kg]; `gas_work`: what heat
     adds to the gas's work in a cycle [J], before roller friction.
-
-    Parameters
-    ----------
-    T : float
-        Temperature after blow-down [K].
-    P_s, P_d : float
-        Port pressures [Pa].
-    omega : ndarray, shape (24,)
-        Speed at the points [rad/s].
-    V_low, V_high : float
-        Volumes at the port edges [m3].
-    table_gamma : float
-        Ratio of specific heats that the points were placed with [-].
-    parameters, readings, node, gas : ndarray, shapes (26,), (5,), (24, 11) and (12,)
-        Parameter set, readings, points and gas.
-    stage : ndarray, shape (24,)
-        What heat adds at the points: to T [K] in discharge, to P V^gamma when closed, to the mass [kg] in suction.
-        Taken from the pass before, and renewed.
-    work : ndarray, shape (24,)
-        Filled with what heat adds to the work of a cycle at each point, less roller friction [J].
     """
     R, cp, T_in = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_IN]
     heated = readings[at.HEAT_TRANSFER] > 0.0
@@ -281,16 +258,8 @@ def friction_below_ambient(
 
     It matters below 1.1 bar only.
 
-    Parameters
-    ----------
-    P_s : float
-        Pressure in suction [Pa].
-    gamma : float
-        Ratio of specific heats that the points were placed with [-].
-    V_high : float
-        Volume when the inlet shuts [m3].
-    parameters, readings, node : ndarray, shapes (26,), (5,) and (24, 11)
-        Parameter set, readings and points.
+    `P_s`: pressure in suction [Pa].
+    `V_high`: volume when the inlet shuts [m3].
     """
     if readings[at.FRICTION_AS_PRINTED] > 0.0:
         return 0.0

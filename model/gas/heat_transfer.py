@@ -1,33 +1,18 @@
 """Heat between the gas in a cylinder and the ambient: Eq. 18-20 and Table 2 of the article (section 2.2).
 
-Parameters
-----------
-phase : int
-    COMPRESSION, DISCHARGE, EXPANSION or SUCTION.
-P, T, V : float
-    Gas pressure [Pa], temperature [K], volume [m3].
-D : float
-    Cylinder diameter [m].
-A_c : float
-    Contact area [m2], the same inside and outside.
-mdot : float
-    Mass flow through the open port [kg/s], of either sign; 0 when closed.
-rho, mu : float
-    Gas density [kg/m3] and dynamic viscosity [Pa s].
-V_p : float
-    Piston speed, the instantaneous \\|dL4/dt\\| [m/s].
-U_g : float
-    Gas velocity of Eq. 20 [m/s].
-Re, Pr : float
-    Reynolds and Prandtl number [-].
-T_a, T_g : float
-    Temperature of the ambient and of the gas [K].
-H_a, H_g : float
-    Heat transfer coefficients outside and inside [W/(m2 K)].
-d_c, k_c : float
-    Wall thickness [m] and conductivity [W/(m K)].
-per_area : bool
-    True: the wall's resistance is dc/(kc Ac) (erratum 2); False: dc/kc as printed.
+`phase`: COMPRESSION, DISCHARGE, EXPANSION or SUCTION.
+`P`, `T`, `V`: gas pressure [Pa], temperature [K], volume [m3].
+`D`: cylinder diameter [m].
+`A_c`: contact area [m2], the same inside and outside.
+`mdot`: mass flow through the open port [kg/s], of either sign; 0 when closed.
+`rho`, `mu`: gas density [kg/m3] and dynamic viscosity [Pa s].
+`V_p`: piston speed, the instantaneous \\|dL4/dt\\| [m/s].
+`U_g`: gas velocity of Eq. 20 [m/s].
+`Re`, `Pr`: Reynolds and Prandtl number [-].
+`T_a`, `T_g`: temperature of the ambient and of the gas [K].
+`H_a`, `H_g`: heat transfer coefficients outside and inside [W/(m2 K)].
+`d_c`, `k_c`: wall thickness [m] and conductivity [W/(m K)].
+`per_area`: True: the wall's resistance is dc/(kc Ac) (erratum 2); False: dc/kc as printed.
 """
 
 from __future__ import annotations
@@ -93,12 +78,8 @@ def heat_rate(
 def quartic(coefficients: np.ndarray, first: int, T: float) -> float:
     """A quartic in temperature, lowest order first, from five entries of an array.
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (>= first + 5,)
-        Where the five coefficients stand.
-    first : int
-        Index of the lowest.
+    `coefficients`, shape (>= first + 5,): where the five coefficients stand.
+    `first`: index of the lowest.
     """
     value = coefficients[first + 4]
     for i in range(3, -1, -1):

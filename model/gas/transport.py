@@ -15,14 +15,9 @@ Array = NDArray[np.float64]
 def polynomial(c: Array, T: Any) -> Any:
     """Quartic by Horner's rule; compiled, unchecked.
 
+    `c`, shape (5,): coefficients, lowest order first, as of `transport_polynomials`.
+    `T`: temperature [K], 180-400 for those.
     Returns c[0] + c[1] T + c[2] T^2 + c[3] T^3 + c[4] T^4 [unit of c[0]].
-
-    Parameters
-    ----------
-    c : array, shape (5,)
-        Coefficients, lowest order first, as of `transport_polynomials`.
-    T : float or array
-        Temperature [K], 180-400 for those.
     """
     return c[0] + T * (c[1] + T * (c[2] + T * (c[3] + T * c[4])))
 
@@ -31,14 +26,9 @@ def polynomial(c: Array, T: Any) -> Any:
 def sutherland_viscosity(T: Any) -> Any:
     """Viscosity of dry air by Sutherland's law [Pa s], as the reference figures have it; compiled, unchecked.
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], positive.
-
-    Notes
-    -----
     1.716e-5 Pa s at 273.15 K, Sutherland constant 110.4 K (White, Viscous Fluid Flow, chapter 1).
+
+    `T`: temperature [K], positive.
     """
     ratio = T / 273.15
     return 1.716e-5 * ratio * np.sqrt(ratio) * (273.15 + 110.4) / (T + 110.4)
@@ -48,14 +38,9 @@ def sutherland_viscosity(T: Any) -> Any:
 def sutherland_conductivity(T: Any) -> Any:
     """Conductivity of dry air by Sutherland's law [W/(m K)], as the reference figures have it; compiled, unchecked.
 
-    Parameters
-    ----------
-    T : float or array
-        Temperature [K], positive.
-
-    Notes
-    -----
     0.0241 W/(m K) at 273.15 K, Sutherland constant 194.0 K (White, Viscous Fluid Flow, chapter 1).
+
+    `T`: temperature [K], positive.
     """
     ratio = T / 273.15
     return 0.0241 * ratio * np.sqrt(ratio) * (273.15 + 194.0) / (T + 194.0)

@@ -90,12 +90,8 @@ class OperatingPoint:
 def check_pressures(motor: Motor, pressures: Sequence[float]) -> None:
     """Refuse pressures that the model does not reach.
 
+    `motor`: for its ambient.
     Raises OperatingPointError: outside 0.5-8 bar, where the air properties end, or below the ambient.
-
-    Parameters
-    ----------
-    motor : Motor
-        For its ambient.
     """
     P_a = motor.si("ambient_pressure")
     for P in pressures:
@@ -132,12 +128,8 @@ def operating_points(motor: Motor, pressures: Sequence[float]) -> list[Operating
 def isentropic_drop(P: float, P_end: float, T: float, gas: np.ndarray) -> float:
     """Enthalpy drop of an isentropic expansion of the ideal gas [J/kg].
 
-    Parameters
-    ----------
-    P, P_end : float
-        Pressures before and after [Pa].
-    T : float
-        Temperature before [K].
+    `P`, `P_end`: pressures before and after [Pa].
+    `T`: temperature before [K].
     """
     return float(gas[at.GAS_CP] * T * (1.0 - (P_end / P) ** (gas[at.GAS_R] / gas[at.GAS_CP])))
 

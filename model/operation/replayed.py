@@ -20,14 +20,9 @@ LONGEST_GAP_S = 2.0  # without a pressure: what is simulated there means nothing
 class Simulated:
     """Speed and flow as the model has them, arrays of shape (n,).
 
-    Attributes
-    ----------
-    time_s : ndarray
-        Ends of the intervals [s].
-    speed_rad_s : ndarray
-        Mean over each interval [rad/s].
-    flow_m3_s : ndarray
-        Likewise, at the line's pressure and temperature [m3/s]; nan where the line is vented.
+    `time_s`: ends of the intervals [s].
+    `speed_rad_s`: mean over each interval [rad/s].
+    `flow_m3_s`: likewise, at the line's pressure and temperature [m3/s]; nan where the line is vented.
     """
 
     time_s: np.ndarray
@@ -40,12 +35,8 @@ def in_room(
 ) -> Motor:
     """The motor in the room of a run; what was not recorded keeps the motor's default.
 
-    Parameters
-    ----------
-    motor : Motor
-        As configured.
-    pressure_bar_abs, temperature_c, relative_humidity : float or None
-        Of the room [bar], [degree Celsius], [0 to 1].
+    `motor`: as configured.
+    `pressure_bar_abs`, `temperature_c`, `relative_humidity`: of the room [bar], [degree Celsius], [0 to 1].
     """
     values: dict[str, float] = {}
     if pressure_bar_abs is not None:
@@ -60,16 +51,10 @@ def in_room(
 def drive(motor: Motor, time_s: np.ndarray, pressure_pa: np.ndarray, step_s: float) -> Simulated:
     """Simulate from rest through a record of the line's pressure, which goes in a straight line between readings.
 
+    `motor`: in the room as it was.
+    `time_s`, `pressure_pa`, shape (m,): readings of the absolute line pressure [s], [Pa], in order.
+    `step_s`: interval of what is returned [s].
     Returns mean speed and flow of each interval. Raises ValueError with fewer than two readings.
-
-    Parameters
-    ----------
-    motor : Motor
-        In the room as it was.
-    time_s, pressure_pa : ndarray, shape (m,)
-        Readings of the absolute line pressure [s], [Pa], in order.
-    step_s : float
-        Interval of what is returned [s].
     """
     if time_s.size < 2:
         raise ValueError("a record of the pressure needs at least two readings")

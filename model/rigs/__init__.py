@@ -6,4 +6,7 @@
     displacement_machine   a machine that turns a volume each revolution: torque and flow of its steady rows
 
 A slide is a shaft whose angle is metres: read N for N m, m/s for rad/s and kg for kg m2.
+
+`chosen`: a set of effects: effect id to the values of its parameters.
+`clock`: time of the recording's clock at time 0 [s].
 """

@@ -24,14 +24,9 @@ HALVINGS = 50
 class Rows:
     """What a machine does at given speeds and pressures, arrays of shape (n,).
 
-    Attributes
-    ----------
-    torque : ndarray
-        Drive that holds the speed [N m]; negative where the machine delivers.
-    flow : ndarray
-        At the line's pressure and temperature, leaks included [m3/s].
-    state : State
-        For what the instruments make of it.
+    `torque`: drive that holds the speed [N m]; negative where the machine delivers.
+    `flow`: at the line's pressure and temperature, leaks included [m3/s].
+    `state`: for what the instruments make of it.
     """
 
     torque: np.ndarray
@@ -51,18 +46,10 @@ def rows(
 ) -> Rows:
     """Torque and flow at given speeds and line pressures.
 
-    Parameters
-    ----------
-    displacement : float
-        Volume of a revolution [m3].
-    speed : ndarray, shape (n,)
-        [rad/s], not negative.
-    pressure, temperature : ndarray, shape (n,)
-        Of the line [Pa], [K].
-    time : ndarray, shape (n,)
-        On the recording's clock [s].
-    chosen : mapping
-        Effect id to the values of its parameters.
+    `displacement`: volume of a revolution [m3].
+    `speed`, shape (n,): [rad/s], not negative.
+    `pressure`, `temperature`, shape (n,): of the line [Pa], [K].
+    `time`, shape (n,): on the recording's clock [s].
     """
     chosen = laws.switched_on(chosen)
     those = [effect for effect, _ in laws.members(chosen)]
@@ -91,12 +78,7 @@ def rows(
 def losses(chosen: laws.Chosen, state: State) -> tuple[np.ndarray, np.ndarray]:
     """Pressure lost ahead of the machine, and added behind it [Pa].
 
-    Parameters
-    ----------
-    chosen : mapping
-        The set.
-    state : State
-        Operating state.
+    `state`: operating state.
     """
     row = np.zeros((state.pressure.size, at.N_VECTOR))
     laws.add_losses(row, laws.members(chosen), state)

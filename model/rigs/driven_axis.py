@@ -22,14 +22,10 @@ LOAD_AREA = 1e-4  # m2; friction may grow with the gauge pressure on a square ce
 class Blocks:
     """Rows of a transient and the blocks over which they are averaged.
 
-    Attributes
-    ----------
-    time, drive, speed, angle, pressure : ndarray, shape (n,)
-        Of the rows [s], [N m], [rad/s], [rad], [Pa]; angle and pressure nan where they are not known.
-    ends : ndarray of int, shape (m + 1,)
-        Rows where the blocks end, each block from one end to the next.
-    used : ndarray of bool, shape (m,)
-        Blocks in which the axis moves one way throughout: at rest friction may be anything.
+    `time`, `drive`, `speed`, `angle`, `pressure`, shape (n,): of the rows [s], [N m], [rad/s], [rad], [Pa]; angle and
+        pressure nan where they are not known.
+    `ends`, shape (m + 1,) of int: rows where the blocks end, each block from one end to the next.
+    `used`, shape (m,) of bool: blocks in which the axis moves one way throughout: at rest friction may be anything.
     """
 
     time: np.ndarray
@@ -43,10 +39,7 @@ class Blocks:
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Mean over each block by the trapezoidal rule, shape (m,).
 
-        Parameters
-        ----------
-        values : ndarray, shape (n,)
-            Of the rows [own unit].
+        `values`, shape (n,): of the rows [own unit].
         """
         dt = np.diff(self.time)
         total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * dt)])
@@ -64,16 +57,10 @@ def blocks_of(
 ) -> Blocks:
     """Cut a transient into blocks.
 
-    Parameters
-    ----------
-    time, drive, speed : ndarray, shape (n,)
-        [s], [N m], [rad/s].
-    rows : int
-        Of a block [-].
-    slowest : float
-        Speed below which the axis may be at rest [rad/s].
-    angle, pressure : ndarray, shape (n,), or None
-        [rad], [Pa].
+    `time`, `drive`, `speed`, shape (n,): [s], [N m], [rad/s].
+    `rows`: of a block [-].
+    `slowest`: speed below which the axis may be at rest [rad/s].
+    `angle`, `pressure`, shape (n,): [rad], [Pa].
     """
     ends = np.arange(0, time.size, rows)
     moves = [
@@ -102,16 +89,8 @@ def drive(
 ) -> np.ndarray:
     """Mean drive of each block that the motion tells of [N m], shape (m,).
 
-    Parameters
-    ----------
-    inertia : float
-        J [kg m2], or a slide's mass [kg].
-    blocks : Blocks
-        The motion.
-    chosen : mapping
-        Effect id to the values of its parameters.
-    clock : float
-        Time of the recording's clock at time 0 [s].
+    `inertia`: J [kg m2], or a slide's mass [kg].
+    `blocks`: the motion.
     """
     chosen = laws.switched_on(chosen)
     state = _state(friction, blocks, clock, ambient)

@@ -30,12 +30,8 @@ STRAIGHT = 1e-9  # share of its time constant up to which the speed is straight 
 class Coast:
     """A coast-down, arrays of shape (n,).
 
-    Attributes
-    ----------
-    speed, angle : ndarray
-        At the samples [rad/s], [rad].
-    reading : ndarray
-        Speed as the tachometer has it: the mean since the sample before, with its lag [rad/s].
+    `speed`, `angle`: at the samples [rad/s], [rad].
+    `reading`: speed as the tachometer has it: the mean since the sample before, with its lag [rad/s].
     """
 
     speed: np.ndarray
@@ -52,18 +48,9 @@ def coast(
     at the times found before, until they stay; one that follows the angle disturbs the course. Where that will not do
     the rotor is marched in steps, in each of which the torques are their tangents at its middle.
 
-    Parameters
-    ----------
-    inertia : float
-        J [kg m2].
-    time : ndarray, shape (n,)
-        Increasing sample times [s].
-    first : float
-        Speed at the first sample [rad/s].
-    chosen : mapping
-        Effect id to the values of its parameters.
-    clock : float
-        Time of the recording's clock at time 0 [s].
+    `inertia`: J [kg m2].
+    `time`, shape (n,): increasing sample times [s].
+    `first`: speed at the first sample [rad/s].
     """
     chosen = laws.switched_on(chosen)
     those = laws.members(chosen)

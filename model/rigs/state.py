@@ -18,16 +18,10 @@ AMBIENT_PA, ROOM_K = 101_325.0, 293.15
 class Sizes:
     """What is ordinary on a rig: the scales of the effects' parameters follow.
 
-    Attributes
-    ----------
-    torque : float
-        [N m], or [N] of a slide.
-    speed : float
-        [rad/s], or [m/s] of a slide.
-    flow : float
-        [m3/s].
-    pressure : float
-        Above the ambient [Pa].
+    `torque`: [N m], or [N] of a slide.
+    `speed`: [rad/s], or [m/s] of a slide.
+    `flow`: [m3/s].
+    `pressure`: above the ambient [Pa].
     """
 
     torque: float
@@ -52,12 +46,8 @@ POWERS = {
 def scaled(parameter: EffectParameter, sizes: Sizes) -> EffectParameter:
     """A parameter with bounds and scale that suit a rig.
 
-    Parameters
-    ----------
-    parameter : EffectParameter
-        As the effect has it, for the article's motor.
-    sizes : Sizes
-        Of the rig.
+    `parameter`: as the effect has it, for the article's motor.
+    `sizes`: of the rig.
     """
     ratio = (
         sizes.torque / MOTOR.torque,
@@ -83,20 +73,12 @@ def state_of(
 ) -> State:
     """An operating state; what does not vary may be one number.
 
-    Parameters
-    ----------
-    speed : ndarray, shape (n,)
-        [rad/s].
-    time : array_like
-        On the recording's clock [s].
-    angle : array_like
-        Shaft angle [rad].
-    pressure : array_like
-        Line pressure [Pa].
-    temperature : array_like
-        Of the gas [K].
-    load : array_like
-        What friction may grow with [N m].
+    `speed`, shape (n,): [rad/s].
+    `time`: on the recording's clock [s].
+    `angle`: shaft angle [rad].
+    `pressure`: line pressure [Pa].
+    `temperature`: of the gas [K].
+    `load`: what friction may grow with [N m].
     """
 
     def spread(value: ArrayLike) -> np.ndarray:
@@ -117,13 +99,7 @@ def state_of(
 
 
 def inertia_factor(chosen: laws.Chosen) -> float:
-    """What a set of effects multiplies the inertia by [-].
-
-    Parameters
-    ----------
-    chosen : mapping
-        Effect id to the values of its parameters.
-    """
+    """What a set of effects multiplies the inertia by [-]."""
     factor = 1.0
     for effect, values in laws.members(chosen):
         if "J" in effect.factors:

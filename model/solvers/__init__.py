@@ -11,16 +11,10 @@ which costs a short kernel a fifth of its time (`effects.averaged._rate`). Some 
 dozen running values would have to hand them to and fro. They divide as numpy does: without a look at every divisor they
 take a sixth less time, and what comes out of a division by 0 is told by its state, as what does not converge is.
 
-Parameters
-----------
-y : ndarray, shape (9 + 2 n,)
-    State of the motor [SI], laid out as in `crank_angle`, of a motor with n cylinders.
-work : ndarray, shape (6, 9 + 2 n)
-    Rates k1..k4 (``work[0]`` the rate at the start), the state at the end, and scratch.
-port : ndarray, shape (n,)
-    Which port each cylinder sees: OUTLET, INLET or CLOSED.
-sense : float
-    Direction of motion that friction opposes, +1 or -1 [-].
-T_port : ndarray, shape (2,)
-    Temperature behind outlet and inlet [K].
+`y`, shape (9 + 2 n,): state of the motor [SI], laid out as in `crank_angle`, of a motor with n cylinders.
+`work`, shape (6, 9 + 2 n): rates k1..k4 (``work[0]`` the rate at the start), the state at the end, and scratch.
+`port`, shape (n,): which port each cylinder sees: OUTLET, INLET or CLOSED.
+`sense`: direction of motion that friction opposes, +1 or -1 [-].
+`T_port`, shape (2,): temperature behind outlet and inlet [K].
+`refine`: steps between two neighbouring edges [-]; more for smaller errors.
 """

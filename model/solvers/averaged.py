@@ -28,18 +28,13 @@ def torques(
 ) -> tuple[float, float]:
     """Mean torque and flow at speeds that are held, at one pressure of the line.
 
+    `P_in`: pressure of the line [Pa]; that of the ambient where it is vented.
+    `omega`, shape (n,): speeds above 0 [rad/s], increasing; where the heat cannot be solved for, the next one stands
+        in.
+    `out`, shape (n, 3): filled: torque of the gas less roller friction [N m], mass flow through the inlet [kg/s], and
+        roller torque per unit of f_r [N m]. Viscous friction and the extra torque are not in it.
     Returns `in_slope, out_slope`: what the torque gains per pressure in the cylinders' suction and in their discharge
     [N m/Pa].
-
-    Parameters
-    ----------
-    P_in : float
-        Pressure of the line [Pa]; that of the ambient where it is vented.
-    omega : ndarray, shape (n,)
-        Speeds above 0 [rad/s], increasing; where the heat cannot be solved for, the next one stands in.
-    out : ndarray, shape (n, 3)
-        Filled: torque of the gas less roller friction [N m], mass flow through the inlet [kg/s], and roller torque per
-        unit of f_r [N m]. Viscous friction and the extra torque are not in it.
     """
     slopes = np.empty((1, 2))
     each = np.empty((1, omega.size, N_OUT))
@@ -61,16 +56,10 @@ def torques_of_line(
 ) -> None:
     """`torques` at several pressures of the line, which share what hangs on the geometry and the gas alone.
 
-    Parameters
-    ----------
-    pressures : ndarray, shape (k,)
-        Of the line [Pa].
-    omega : ndarray, shape (n,)
-        As in `torques` [rad/s].
-    out : ndarray, shape (k, n, 3)
-        Filled, as in `torques`.
-    slopes : ndarray, shape (k, 2)
-        Filled with what `torques` returns [N m/Pa].
+    `pressures`, shape (k,): of the line [Pa].
+    `omega`, shape (n,): as in `torques` [rad/s].
+    `out`, shape (k, n, 3): filled, as in `torques`.
+    `slopes`, shape (k, 2): filled with what `torques` returns [N m/Pa].
     """
     c = np.empty(at.N_CURVE)
     table = np.empty((pulse.N_STEPS, pulse.N_TABLE))

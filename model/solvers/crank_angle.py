@@ -52,12 +52,8 @@ def rates(
 ) -> float:
     """Rate of the whole state, Eq. 12-25, with the ports as they stand.
 
+    `y`, `dy`, shape (9 + 2 n,): state [SI] and, filled, its rate.
     Returns what friction holds: the rollers', and what a left-out effect adds to it [N m].
-
-    Parameters
-    ----------
-    y, dy : ndarray, shape (9 + 2 n,)
-        State [SI] and, filled, its rate.
     """
     R, cp = gas[at.GAS_R], gas[at.GAS_CP]
     gamma = cp / (cp - R)
@@ -124,10 +120,7 @@ def runge_kutta(
 ) -> None:
     """One classical step of fourth order; ``work[0]`` holds the rate at the start, ``work[4]`` receives the new state.
 
-    Parameters
-    ----------
-    h : float
-        Step [s].
+    `h`: step [s].
     """
     new, trial = work[4], work[5]
     trial[:] = y + 0.5 * h * work[0]
@@ -155,12 +148,8 @@ def angle_step(
 ) -> float:
     """One step of fourth order with the angle as the independent variable: it ends on the edge without a search.
 
+    `target`: angle at the end [rad].
     Returns time taken [s]; -1 when the speed changes too much for this variable, and ``work[4]`` means nothing.
-
-    Parameters
-    ----------
-    target : float
-        Angle at the end [rad].
     """
     trial, new = work[5], work[4]
     span = target - y[THETA]

@@ -43,14 +43,9 @@ def locate(
 ) -> tuple[float, int]:
     """Step until the angle ``target``, the time ``h_most`` or standstill, whichever comes first.
 
+    `h`, `h_most`: first guess of the step and its upper limit [s].
+    `target`: angle ahead at which the step has to end [rad].
     Returns `h`: the step taken [s]; `event`: ON_THE_WAY (time is up), AT_EDGE or STOPPED.
-
-    Parameters
-    ----------
-    h, h_most : float
-        First guess of the step and its upper limit [s].
-    target : float
-        Angle ahead at which the step has to end [rad].
     """
     low, high = 0.0, math.inf
     event = ON_THE_WAY
@@ -95,16 +90,10 @@ def take_port(
 ) -> None:
     """Cylinder ``i`` takes the pressure of a port at once; the exchange is booked.
 
-    Parameters
-    ----------
-    y : ndarray, shape (9 + 2 n,)
-        State [SI], changed.
-    i, which : int
-        Cylinder, and OUTLET or INLET.
-    P_p, T_p : float
-        Pressure [Pa] and temperature [K] behind the port.
-    n : int
-        Cylinders [-].
+    `y`, shape (9 + 2 n,): state [SI], changed.
+    `i`, `which`: cylinder, and OUTLET or INLET.
+    `P_p`, `T_p`: pressure [Pa] and temperature [K] behind the port.
+    `n`: cylinders [-].
     """
     P, T = P0 + i, P0 + n + i
     psi = (y[THETA] + i * c[at.PITCH]) % c[at.LOBE_ANGLE]
@@ -136,18 +125,11 @@ def set_ports(
 ) -> None:
     """See which port each cylinder has around the angle ``mid``; those that open take its pressure.
 
-    Parameters
-    ----------
-    y : ndarray, shape (9 + 2 n,)
-        State [SI], changed.
-    port : ndarray, shape (n,)
-        Ports, changed.
-    mid : float
-        An angle inside the interval that begins [rad].
-    P_port, T_port : ndarray, shape (2,)
-        Pressure [Pa] and temperature [K] behind outlet and inlet.
-    lap : float
-        Port lap [rad].
+    `y`, shape (9 + 2 n,): state [SI], changed.
+    `port`, shape (n,): ports, changed.
+    `mid`: an angle inside the interval that begins [rad].
+    `P_port`, `T_port`, shape (2,): pressure [Pa] and temperature [K] behind outlet and inlet.
+    `lap`: port lap [rad].
     """
     lobe = c[at.LOBE_ANGLE]
     for i in range(port.size):

@@ -28,18 +28,11 @@ FIRST_AVERAGED = 5000
 class March:
     """What the published algorithm gives.
 
-    Attributes
-    ----------
-    time_s : ndarray, shape (steps,)
-        End of each step.
-    speed_rad_s, angle_rad : ndarray, shape (steps,)
-        Rotor speed and angle.
-    pressure_pa, mass_kg : ndarray, shape (steps,)
-        Of the cylinder that starts at angle 0.
-    inlet_kg_s, outlet_kg_s : ndarray, shape (steps,)
-        Flow through all inlet and outlet ports, in and out counted positive.
-    mean_speed_rpm : float
-        Average over the steps from ``FIRST_AVERAGED`` on (the second half, if fewer were asked for).
+    `time_s`, shape (steps,): end of each step.
+    `speed_rad_s`, `angle_rad`, shape (steps,): rotor speed and angle.
+    `pressure_pa`, `mass_kg`, shape (steps,): of the cylinder that starts at angle 0.
+    `inlet_kg_s`, `outlet_kg_s`, shape (steps,): flow through all inlet and outlet ports, in and out counted positive.
+    `mean_speed_rpm`: average over the steps from ``FIRST_AVERAGED`` on (the second half, if fewer were asked for).
     """
 
     time_s: np.ndarray
@@ -65,15 +58,10 @@ def march_kernel(
 ) -> None:
     """March ``steps`` steps from rest; the equations in the article's order.
 
-    Parameters
-    ----------
-    dt : float
-        Time step [s].
-    steps : int
-        Number of steps.
-    history : ndarray, shape (steps, 6)
-        Filled with speed [rad/s], angle [rad], pressure [Pa] and mass [kg] of the first cylinder, inlet and outlet
-        flow of all [kg/s].
+    `dt`: time step [s].
+    `steps`: number of steps.
+    `history`, shape (steps, 6): filled with speed [rad/s], angle [rad], pressure [Pa] and mass [kg] of the first
+        cylinder, inlet and outlet flow of all [kg/s].
     """
     n, lobes = int(parameters[at.N_PISTONS]), parameters[at.N_LOBES]
     c = np.empty(at.N_CURVE)
@@ -161,14 +149,9 @@ def march_kernel(
 def march(motor: Motor, P_in: float, steps: int = STEPS, dt: float = TIME_STEP) -> March:
     """Run the published algorithm from rest.
 
+    `steps`: number of steps [-].
+    `dt`: time step [s].
     Returns histories and the averaged speed. Raises ValueError when ``steps`` is below 2 or ``dt`` is not positive.
-
-    Parameters
-    ----------
-    steps : int
-        Number of steps [-].
-    dt : float
-        Time step [s].
     """
     if steps < 2 or not dt > 0.0:
         raise ValueError(f"march: needs at least 2 steps of positive length, got {steps} of {dt:g} s")

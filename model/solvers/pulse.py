@@ -3,6 +3,14 @@
 With the ports open a cylinder stands at the port's pressure; without heat a closed one follows P V^gamma. So the torque
 at every angle is linear in P_s, P_d and P_a, and its integrals over small steps of angle are tabulated once for a
 parameter set. The speed within a pulse then follows from the energy integral, w dw/dth = (torque - f w) / J.
+
+`table`, shape (n_steps, 11): of `tabulate`; the steps' widths are in it [rad].
+`step_work`, shape (n_steps,): gas torque less roller friction, integrated over each step [J].
+`speed`, shape (n_steps + 1,): of `ripple`, at the ends of the steps [rad/s].
+`pulse`: angle of a pulse [rad].
+`first`: angle of the first edge [rad].
+`phase`, shape (n,): angles within the pulse [rad].
+`step`, shape (n,): the step that each angle lies in [-].
 """
 
 from __future__ import annotations
@@ -34,12 +42,8 @@ def tabulate(parameters: np.ndarray, readings: np.ndarray, gamma: float, c: np.n
 
     They hang on the geometry, the lap and gamma alone: rows that differ in other things share them.
 
-    Parameters
-    ----------
-    gamma : float
-        Ratio of specific heats of the table [-].
-    table : ndarray, shape (n_steps, 11)
-        Filled.
+    `gamma`: ratio of specific heats of the table [-].
+    `table`, shape (n_steps, 11): filled.
     """
     A_p, lap, half, lobe = c[at.A_P], parameters[at.LAP], c[at.HALF_LOBE], c[at.LOBE_ANGLE]
     pulse, n = c[at.PULSE_ANGLE], int(parameters[at.N_PISTONS])
@@ -103,20 +107,10 @@ def torque_steps(
 ) -> tuple[float, float]:
     """Adiabatic torque at given pressures.
 
+    `P_s`, `P_d`, `P_a`: pressure in suction, in discharge and of the ambient [Pa].
+    `d_gamma`: the point's gamma less the table's [-].
+    `step_work`, shape (n_steps,): filled with gas torque less roller friction, integrated over each step [J].
     Returns `net, gas`: mean torque less roller friction, and of the gas alone [N m].
-
-    Parameters
-    ----------
-    P_s, P_d, P_a : float
-        Pressure in suction, in discharge and of the ambient [Pa].
-    d_gamma : float
-        The point's gamma less the table's [-].
-    pulse : float
-        Angle of a pulse [rad].
-    table : ndarray, shape (n_steps, 11)
-        Of `tabulate`.
-    step_work : ndarray, shape (n_steps,)
-        Filled with gas torque less roller friction, integrated over each step [J].
     """
     net = 0.0
     gas = 0.0
@@ -135,14 +129,7 @@ def torque_steps(
 def gain(table: np.ndarray, of_gas: int, rolling: int, f_r: float, pulse: float) -> float:
     """What the mean torque less roller friction gains per pressure [N m/Pa].
 
-    Parameters
-    ----------
-    table : ndarray, shape (n_steps, 11)
-        Of `tabulate`.
-    of_gas, rolling : int
-        Columns of the pressure: GAS_S and ROLL_S, or GAS_D and ROLL_D [-].
-    pulse : float
-        Angle of a pulse [rad].
+    `of_gas`, `rolling`: columns of the pressure: GAS_S and ROLL_S, or GAS_D and ROLL_D [-].
     """
     found: float = (np.sum(table[:, of_gas]) - f_r * np.sum(table[:, rolling])) / pulse
     return found
@@ -164,25 +151,12 @@ def ripple(
 
     The torque's integral over a step is exact; friction takes the mean of the speeds at both ends (second order).
 
+    `w`: first guess of the speed at the start of the pulse [rad/s].
+    `f`, `J`: f_overall [N m s] and inertia [kg m2].
+    `stride`: steps of the table taken as one: 1, or 2 for the coarse solution that `rippled_mean` extrapolates from.
+    `speed`, shape (n_steps + 1,): filled with the speed at the ends of the steps taken [rad/s].
     Returns `w`: speed at the start of the pulse [rad/s]; -1 when the rotor cannot pass; `mean`: mean speed in time
     [rad/s]; `peak_to_peak`: ripple [rad/s].
-
-    Parameters
-    ----------
-    w : float
-        First guess of the speed at the start of the pulse [rad/s].
-    step_work : ndarray, shape (n_steps,)
-        Integral of gas torque less roller friction over each step [J].
-    table : ndarray, shape (n_steps, 11)
-        For the steps' widths [rad].
-    f, J : float
-        f_overall [N m s] and inertia [kg m2].
-    pulse : float
-        Angle of a pulse [rad].
-    stride : int
-        Steps of the table taken as one: 1, or 2 for the coarse solution that `rippled_mean` extrapolates from.
-    speed : ndarray, shape (n_steps + 1,)
-        Filled with the speed at the ends of the steps taken [rad/s].
     """
     failed = 0
     for _ in range(200):
@@ -242,14 +216,9 @@ def rippled_mean(
 ) -> tuple[float, float, float]:
     """`ripple`, its mean speed extrapolated from two step widths (Richardson): the error falls to fourth order.
 
+    `w`, `step_work`, `table`, `f`, `J`, `pulse`, `speed`: as in `ripple`.
+    `coarse_speed`, shape (n_steps + 1,): scratch [rad/s].
     Returns `w, mean, peak_to_peak`: as in `ripple` [rad/s].
-
-    Parameters
-    ----------
-    w, step_work, table, f, J, pulse, speed
-        As in `ripple`.
-    coarse_speed : ndarray, shape (n_steps + 1,)
-        Scratch [rad/s].
     """
     w, fine, peak_to_peak = ripple(w, step_work, table, f, J, pulse, 1, speed)
     if w < 0.0:
@@ -264,20 +233,7 @@ def speeds_at(
 ) -> None:
     """Speed at angles within the pulse; within a step the square of the speed is linear in the angle.
 
-    Parameters
-    ----------
-    phase : ndarray, shape (n,)
-        Angles within the pulse [rad].
-    step : ndarray, shape (n,)
-        The step that each lies in [-].
-    table : ndarray, shape (n_steps, 11)
-        For the steps' widths [rad].
-    first : float
-        Angle of the first edge [rad].
-    speed : ndarray, shape (n_steps + 1,)
-        Of `ripple` [rad/s].
-    omega : ndarray, shape (n,)
-        Filled [rad/s].
+    `omega`, shape (n,): filled [rad/s].
     """
     start = first
     j = 0
@@ -296,18 +252,8 @@ def speeds_at(
 def steps_of(phase: np.ndarray, table: np.ndarray, first: float, pulse: float, step: np.ndarray) -> None:
     """The step of the table in which each angle lies.
 
-    Parameters
-    ----------
-    phase : ndarray, shape (n,)
-        Angles within the pulse [rad]; those before the first edge are moved on by a pulse.
-    table : ndarray, shape (n_steps, 11)
-        For the steps' widths [rad].
-    first : float
-        Angle of the first edge [rad].
-    pulse : float
-        Angle of a pulse [rad].
-    step : ndarray, shape (n,)
-        Filled [-].
+    `phase`, shape (n,): angles within the pulse [rad]; those before the first edge are moved on by a pulse.
+    `step`, shape (n,): filled [-].
     """
     for n in range(phase.size):
         if phase[n] < first:

@@ -15,10 +15,7 @@ import numpy as np
 class Recent:
     """Results of one function; threads may ask at once.
 
-    Parameters
-    ----------
-    most : int
-        Results kept; the one not asked for longest goes first [-].
+    `most`: results kept; the one not asked for longest goes first [-].
     """
 
     def __init__(self, most: int) -> None:
@@ -29,12 +26,8 @@ class Recent:
     def __call__(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
         """A result, the caller's own copy.
 
-        Parameters
-        ----------
-        key : hashable
-            All that the result hangs on.
-        make : callable
-            Makes it where it is not kept.
+        `key`: all that the result hangs on.
+        `make`: makes it where it is not kept.
         """
         with self._lock:
             found = self._kept.get(key)

@@ -3,6 +3,8 @@
 Three parts meet here: the adiabatic torque over a pulse and the ripple it makes (`pulse`), and what heat changes
 in a cylinder's cycle (`gas.heat_cycle`). A few passes bring speed, gas state and heat to agree; the tests hold the
 result against `model.solvers.transient`.
+
+`slopes`: derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
 """
 
 from __future__ import annotations
@@ -71,24 +73,14 @@ _recent = Recent(32)
 class Steady:
     """Steady states, each array of shape (n_sets, n_points).
 
-    Attributes
-    ----------
-    speed_rad_s : ndarray
-        Mean speed in time; 0 when the motor stalls.
-    mass_flow_kg_s : ndarray
-        Mean flow through the inlet.
-    flow_m3_s : ndarray
-        The same as volume at P_in and T_in, what a flow meter in the line indicates.
-    gas_torque_nm : ndarray
-        Mean torque of the gas, before roller friction.
-    roller_torque_nm : ndarray
-        Mean torque lost in roller friction.
-    speed_slope, flow_slope : ndarray
-        Derivatives with pressure [rad/s/Pa], [m3/s/Pa], to 1 %; zero when not asked for.
-    running : ndarray of bool
-        False where the motor stalls or no periodic state was found.
-    ripple_rad_s : ndarray
-        Speed ripple within a pulse, peak to peak.
+    `speed_rad_s`: mean speed in time; 0 when the motor stalls.
+    `mass_flow_kg_s`: mean flow through the inlet.
+    `flow_m3_s`: the same as volume at P_in and T_in, what a flow meter in the line indicates.
+    `gas_torque_nm`: mean torque of the gas, before roller friction.
+    `roller_torque_nm`: mean torque lost in roller friction.
+    `speed_slope`, `flow_slope`: derivatives with pressure [rad/s/Pa], [m3/s/Pa], to 1 %; zero when not asked for.
+    `running`, array of bool: False where the motor stalls or no periodic state was found.
+    `ripple_rad_s`: speed ripple within a pulse, peak to peak.
     """
 
     speed_rad_s: np.ndarray
@@ -112,18 +104,11 @@ def solve_rows(
 ) -> np.ndarray:
     """Steady states of rows that each have a pressure and parameters of their own.
 
+    `parameters`, shape (n, 26): parameter sets in SI units, one a row.
+    `gas`, shape (n, 12): gas of each row, of `gas_table`.
+    `known`, shape (n, 26): what a call before left of states close by, 0 where nothing is known: it saves passes.
+        Renewed.
     Returns an array, shape (n, 9): columns as in `solve`.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 26)
-        Parameter sets in SI units, one a row.
-    gas : ndarray, shape (n, 12)
-        Gas of each row, of `gas_table`.
-    slopes : bool
-        As in `solve`.
-    known : ndarray, shape (n, 26), or None
-        What a call before left of states close by, 0 where nothing is known: it saves passes. Renewed.
     """
     a, b, c, d = (np.ascontiguousarray(one, dtype=np.float64) for one in (parameters, readings, pressures, gas))
     about = np.zeros((pressures.size, N_KNOWN)) if known is None else known.copy()
@@ -150,20 +135,13 @@ def solve(
 ) -> np.ndarray:
     """Steady states of many parameter sets in one compiled call on all cores.
 
+    `parameters`, shape (n_sets, 26): parameter sets in SI units, in the order of `model.motor.QUANTITIES`.
+    `pressures`, shape (n_sets, n_points): absolute inlet pressures [Pa].
+    `gas`, shape (n_points, 12): gas of each point, of `gas_table`; shared by the sets, on which it depends too little
+        to matter.
     Returns an array, shape (n_sets, n_points, 9): columns SPEED_OUT [rad/s], MASS_FLOW [kg/s], VOLUME_FLOW [m3/s],
     TORQUE and ROLLER [N m], SPEED_SLOPE [rad/s/Pa], FLOW_SLOPE [m3/s/Pa], STATUS (RUNNING, STALLED or NOT_CONVERGED),
     RIPPLE [rad/s]. Raises ValueError when the shapes do not fit.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (n_sets, 26)
-        Parameter sets in SI units, in the order of `model.motor.QUANTITIES`.
-    pressures : ndarray, shape (n_sets, n_points)
-        Absolute inlet pressures [Pa].
-    gas : ndarray, shape (n_points, 12)
-        Gas of each point, of `gas_table`; shared by the sets, on which it depends too little to matter.
-    slopes : bool
-        Derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
     """
     n_sets, n_points = pressures.shape
     if parameters.shape[0] != n_sets or parameters.shape[1] != at.N_VECTOR or gas.shape != (n_points, at.N_GAS):
@@ -183,28 +161,14 @@ def solve(
 
 
 def gas_table(motor: Motor, pressures: ArrayLike) -> np.ndarray:
-    """Gas of each operating point, shape (n_points, 12), for `solve`.
-
-    Parameters
-    ----------
-    pressures : array_like, shape (n_points,)
-        Absolute inlet pressures [Pa].
-    """
+    """Gas of each operating point, shape (n_points, 12), for `solve`."""
     parameters, readings = motor.vector(), motor.readings.vector()
     each = [gas_state(parameters, float(P), readings) for P in np.atleast_1d(pressures)]
     return np.array(each).reshape(len(each), at.N_GAS)
 
 
 def steady(motor: Motor, pressures: ArrayLike, slopes: bool = False) -> Steady:
-    """Steady states of one motor. Returns arrays of shape (1, n_points).
-
-    Parameters
-    ----------
-    pressures : array_like, shape (n_points,)
-        Absolute inlet pressures [Pa].
-    slopes : bool
-        Derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
-    """
+    """Steady states of one motor. Returns arrays of shape (1, n_points)."""
     P = np.atleast_1d(np.asarray(pressures, dtype=np.float64))
     return unpack(solve(motor.vector()[None, :], motor.readings.vector(), P[None, :], gas_table(motor, P), slopes))
 
@@ -212,10 +176,7 @@ def steady(motor: Motor, pressures: ArrayLike, slopes: bool = False) -> Steady:
 def unpack(out: np.ndarray) -> Steady:
     """Name the columns of `solve`'s result.
 
-    Parameters
-    ----------
-    out : ndarray, shape (n_sets, n_points, 9)
-        What `solve` returned.
+    `out`, shape (n_sets, n_points, 9): what `solve` returned.
     """
     return Steady(
         speed_rad_s=out[..., SPEED_OUT],

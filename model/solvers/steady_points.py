@@ -1,4 +1,7 @@
-"""Steady points, compiled: a point, a span of pressures, a batch."""
+"""Steady points, compiled: a point, a span of pressures, a batch.
+
+`slopes`: derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
+"""
 
 from __future__ import annotations
 
@@ -38,22 +41,13 @@ def _table_gamma(gas: np.ndarray) -> float:
 class _Tables(NamedTuple):
     """All that hangs on the geometry, the lap and gamma alone.
 
-    Attributes
-    ----------
-    gamma : float
-        Ratio of specific heats [-].
-    pulse : ndarray, shape (32, 11)
-        Of `model.solvers.pulse.tabulate`.
-    first : float
-        Angle of a pulse's first edge [rad].
-    node : ndarray, shape (24, 11)
-        Of `model.gas.heat_cycle.place_nodes`.
-    step : ndarray, shape (24,)
-        The step of the pulse that each node lies in [-].
-    V_low, V_high : float
-        Volumes at the port edges [m3].
-    period : float
-        Angle of a pulse [rad].
+    `gamma`: ratio of specific heats [-].
+    `pulse`, shape (32, 11): of `model.solvers.pulse.tabulate`.
+    `first`: angle of a pulse's first edge [rad].
+    `node`, shape (24, 11): of `model.gas.heat_cycle.place_nodes`.
+    `step`, shape (24,): the step of the pulse that each node lies in [-].
+    `V_low`, `V_high`: volumes at the port edges [m3].
+    `period`: angle of a pulse [rad].
     """
 
     gamma: float
@@ -255,18 +249,10 @@ def solve_batch(
 ) -> None:
     """Every parameter set at its operating points, shared among the cores.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 26)
-        One set a row [SI].
-    pressures : ndarray, shape (n, k)
-        Absolute [Pa].
-    gas : ndarray
-        Of `gas_table`, for each pressure [SI].
-    slopes : bool
-        Whether the slopes with pressure are wanted.
-    out : ndarray
-        Gets the columns of each point [SI].
+    `parameters`, shape (n, 26): one set a row [SI].
+    `pressures`, shape (n, k): absolute [Pa].
+    `gas`: of `gas_table`, for each pressure [SI].
+    `out`: gets the columns of each point [SI].
     """
     for s in prange(parameters.shape[0]):
         _solve_span(
@@ -287,22 +273,12 @@ def solve_each_row(
 ) -> None:
     """One operating point of each parameter set, AT_ONCE of them shared among the cores.
 
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, 26)
-        One set a row [SI].
-    pressures : ndarray, shape (n,)
-        Absolute [Pa].
-    gas : ndarray
-        Of `gas_table`, for each pressure [SI].
-    slopes : bool
-        Whether the slopes with pressure are wanted.
-    tolerance : float
-        Relative, of the speed [-].
-    known : ndarray, shape (n, N_KNOWN)
-        What is known of each point from one close by [SI].
-    out : ndarray
-        Gets the columns of each point [SI].
+    `parameters`, shape (n, 26): one set a row [SI].
+    `pressures`, shape (n,): absolute [Pa].
+    `gas`: of `gas_table`, for each pressure [SI].
+    `tolerance`: relative, of the speed [-].
+    `known`, shape (n, N_KNOWN): what is known of each point from one close by [SI].
+    `out`: gets the columns of each point [SI].
     """
     for k in prange((pressures.size + AT_ONCE - 1) // AT_ONCE):
         i, j = k * AT_ONCE, min((k + 1) * AT_ONCE, pressures.size)

@@ -33,6 +33,8 @@ from model.solvers.crank_angle import (
 from model.solvers.port_edges import AT_EDGE, ON_THE_WAY, STOPPED, locate, set_ports
 
 MAX_STEP = 1e-3  # s, divided by the refinement
+GIVEN_RAD_S = 30.0  # speed at the start: near its lowest pressure a motor runs on but does not start
+MOST_TURNS = 400  # after which a speed does not settle
 DONE, TOO_MANY_STEPS, NOT_FINITE = 0, 1, 2
 
 
@@ -149,24 +151,16 @@ def integrate(
 ) -> tuple[int, int, int]:
     """Integrate from ``t_start`` to the last sample time.
 
+    `y`, shape (9 + 2 n,): state at the start [SI]; holds the end on return.
+    `t_start`: time of the start [s].
+    `span_start`, `span_P`, `span_open`, shape (s,): supply: from each time [s] on, absolute pressure [Pa] and open (1)
+        or vented (0).
+    `sample_t`, shape (n,): increasing sample times [s]; the last ends the run.
+    `samples`, shape (n, 6): filled: angle, speed, inlet mass, outlet mass, pressure and mass of the first cylinder
+        [SI].
+    `pulse_t`, shape (p,): filled with the times at which the rotor has turned another pulse [s]; the run ends when it
+        is full.
     Returns `status`: DONE, TOO_MANY_STEPS or NOT_FINITE; `steps`: steps taken; `pulses`: entries of ``pulse_t`` filled.
-
-    Parameters
-    ----------
-    y : ndarray, shape (9 + 2 n,)
-        State at the start [SI]; holds the end on return.
-    t_start : float
-        Time of the start [s].
-    span_start, span_P, span_open : ndarray, shape (s,)
-        Supply: from each time [s] on, absolute pressure [Pa] and open (1) or vented (0).
-    sample_t : ndarray, shape (n,)
-        Increasing sample times [s]; the last ends the run.
-    samples : ndarray, shape (n, 6)
-        Filled: angle, speed, inlet mass, outlet mass, pressure and mass of the first cylinder [SI].
-    pulse_t : ndarray, shape (p,)
-        Filled with the times at which the rotor has turned another pulse [s]; the run ends when it is full.
-    refine : int
-        Steps between two edges [-].
     """
     c = np.empty(at.N_CURVE)
     geometry.curve(parameters, c)
@@ -290,12 +284,8 @@ def integrate(
 def rest_state(motor: Motor, angle_rad: float = 0.0) -> np.ndarray:
     """The motor at rest with the line vented: every cylinder at P_d and T_a.
 
+    `angle_rad`: rotor angle [rad].
     Returns an array, shape (9 + 2 n,): state for `simulate`.
-
-    Parameters
-    ----------
-    angle_rad : float
-        Rotor angle [rad].
     """
     y = np.zeros(P0 + 2 * motor.n_pistons)
     y[THETA] = angle_rad
@@ -313,19 +303,11 @@ def simulate(
 ) -> Transient:
     """Simulate the motor from the first to the last sample time.
 
+    `supply`: the line, in the order of time; before the first span it is vented.
+    `time_s`, shape (n,): increasing sample times [s]; the first is the start.
+    `state`, shape (9 + 2 n,): state at the start; at rest at angle 0 when left out.
     Returns samples and the final state. Raises ValueError when the times do not increase or the state is of another
     motor, ArithmeticError when the integration fails.
-
-    Parameters
-    ----------
-    supply : sequence of Supply
-        The line, in the order of time; before the first span it is vented.
-    time_s : ndarray, shape (n,)
-        Increasing sample times [s]; the first is the start.
-    state : ndarray, shape (9 + 2 n,), optional
-        State at the start; at rest at angle 0 when left out.
-    refine : int
-        Steps between two neighbouring edges [-]; more for smaller errors.
     """
     time_s = np.asarray(time_s, dtype=np.float64)
     if time_s.ndim != 1 or time_s.size < 2 or not np.all(np.diff(time_s) > 0):
@@ -342,27 +324,16 @@ def simulate(
     return Transient(time_s, angle, speed, inlet, outlet, pressure, mass, y)
 
 
-def periodic_state(
-    motor: Motor, P_in: float, refine: int = 1, start_rad_s: float = 30.0, most_turns: int = 400
-) -> tuple[np.ndarray, float]:
+def periodic_state(motor: Motor, P_in: float, refine: int = 1) -> tuple[np.ndarray, float]:
     """Run at constant pressure until the speed repeats.
 
     Returns `state`, shape (9 + 2 n,): state at angle 0, with nothing passed yet; `mean_speed`: mean speed in time
     [rad/s]; 0 when the motor stalls. Raises ArithmeticError when the speed does not settle.
-
-    Parameters
-    ----------
-    refine : int
-        Steps between two edges [-].
-    start_rad_s : float
-        Speed that the rotor is given [rad/s]: near its lowest pressure a motor runs on but does not start.
-    most_turns : int
-        Turns after which to give up [-].
     """
     y = rest_state(motor)
-    y[OMEGA] = start_rad_s
+    y[OMEGA] = GIVEN_RAD_S
     last = -1.0
-    for _ in range(most_turns):
+    for _ in range(MOST_TURNS):
         y[THETA] = 0.0  # after a whole turn the cylinders stand as they stood; counting on would lose digits
         pulse_t = np.full(motor.n_lobes * motor.n_pistons, np.nan)
         status, _, pulses = _run(motor, [Supply(0.0, P_in)], np.array([0.0, 5.0]), y, np.empty((2, 6)), pulse_t, refine)
@@ -376,7 +347,7 @@ def periodic_state(
             y[M_IN:P0] = 0.0
             return y, mean
         last = mean
-    raise ArithmeticError(f"the speed does not settle at {P_in / 1e5:g} bar within {most_turns} turns")
+    raise ArithmeticError(f"the speed does not settle at {P_in / 1e5:g} bar within {MOST_TURNS} turns")
 
 
 def _run(

@@ -95,6 +95,6 @@ def _against_model(run: Run, out: Path | None) -> None:
         tell(1)
     compared = replay_comparison.compare(measured, simulated)
     if out is not None:
-        files.write_files(out, replay_comparison.report(run.name, measured, simulated, compared))
+        files.write_files(out, replay_comparison.report(run.name, simulated, compared))
         remark(f"the comparison is {out / 'replay.png'}, its figures replay.csv")
     on_terminal(replay_comparison.table(compared))

@@ -43,7 +43,8 @@ class Entries:
     def told(self) -> dict[str, Any] | None:
         """The question that is open, for the page; None where no run listens to it.
 
-        `asks`: which question it is; an answer names it. `kind`: ``readings``, ``pressure``, ``vented`` or ``line``.
+        Returns ``asks``, which question it is: an answer names it; and ``kind``, which is ``readings``, ``pressure``,
+        ``vented`` or ``line``.
         """
         if (handle := self._opened()) is None:
             return None

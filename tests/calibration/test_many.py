@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -18,7 +19,9 @@ import pytest
 
 from calibration.challenge.campaign import running
 from calibration.challenge.campaign.campaign import make
-from calibration.work.many import MOST_TRIES, ClusterError, Item, run_many
+from calibration.challenge.campaign.layout import ChallengeError
+from calibration.challenge.campaign.sealing import SealError
+from calibration.work.many import MOST_TRIES, ClusterError, Item, read_results, run_many
 from tests import fake_rig
 from tests.fake_rig import square
 
@@ -77,6 +80,25 @@ def test_an_item_that_fails_says_why_and_stops_no_other(tmp_path):
     bad, good = run_many(square, items, tmp_path, 1)
     assert (bad.value, bad.error) == (None, "ValueError: 7 cannot be squared")
     assert good.value == {"square": 9}
+
+
+def test_an_error_is_of_its_class_and_of_those_that_it_derives_from(tmp_path):
+    def fails(_):
+        raise SealError("the seal is broken")
+
+    items = items_of(1)
+    (made,) = run_many(fails, items, tmp_path, 0)
+    (read,) = read_results(items, tmp_path)
+    assert made == read
+    assert [made.failed_by(kind) for kind in (SealError, ChallengeError, OSError)] == [True, True, False]
+
+
+def test_an_error_of_an_older_file_is_of_the_class_that_it_names(tmp_path):
+    items = items_of(2)
+    for item, error in zip(items, ("ChallengeError: other code", ""), strict=True):
+        made = {"name": item.name, "mark": "", "value": None, "error": error, "seconds": 1.0}
+        (tmp_path / f"{item.name}.json").write_text(json.dumps(made), encoding="utf-8")
+    assert [result.failed_by(ChallengeError) for result in read_results(items, tmp_path)] == [True, False]
 
 
 def test_an_item_that_failed_is_tried_again_the_next_time(tmp_path):

@@ -1,6 +1,5 @@
 """The acquisition over the virtual bench's real bytes: what is logged, what a fault does, and how a line comes back."""
 
-import functools
 import threading
 import time
 
@@ -15,49 +14,17 @@ from rig.instruments import modbus
 from rig.lines import Line, LineError, NoReplyError, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import NS, Quality
-from rig.virtual.launch import port_for
+from tests.acquired import Kept, acquisitions, ports_of
 from tests.modbus_peer import ModbusPeer
 from tests.virtual_benches import FLOW, MODBUS, bench, serving
 from tests.waiting import wait_for
 
 
-def ports_of(served):
-    """The ports of a bench that is served."""
-    return functools.partial(port_for, served.ports)
-
-
-class Kept:
-    """A sink that keeps everything in memory."""
-
-    def __init__(self):
-        self.exchanges, self.events = [], []
-
-    def exchange(self, exchange):
-        self.exchanges.append(exchange)
-
-    def event(self, kind, time_ns, **details):
-        self.events.append((kind, details))
-
-    def readings(self, name):
-        return [reading for exchange in self.exchanges for reading in exchange.readings if reading.name == name]
-
-
 @pytest.fixture
 def acquiring():
     """Starts the acquisition of a bench that is served, and stops both."""
-    ended = []
-
-    def start(served, found=None, **options):
-        sink = Kept()
-        acquisition = Acquisition(found or bench(MODBUS), served.clock, ports_of(served), **options)
-        ended.append(acquisition)
-        acquisition.connect()
-        acquisition.begin(sink)
-        return acquisition, sink
-
-    yield start
-    for acquisition in ended:
-        acquisition.stop()
+    with acquisitions() as start:
+        yield lambda served, found=None, **options: start(served, found or bench(MODBUS), **options)
 
 
 def test_every_channel_is_read_and_the_devices_are_named(acquiring, tmp_path):

@@ -1,16 +1,13 @@
 """Lines that depart from the standard, on the virtual bench: echoes, transaction numbers, busy devices."""
 
-import functools
-import time
 
 import pytest
 
-from rig.acquisition import Acquisition
 from rig.bench.bench import bench_of
 from rig.doctor import Level, examine
 from rig.lines import LineError
 from rig.readings import Quality
-from rig.virtual.launch import port_for
+from tests.acquired import acquisitions, ports_of
 from tests.virtual_benches import FLOW, INSTRUMENTS, MODBUS, serving
 
 ANY = 'transaction_numbers = "any"\n'
@@ -43,48 +40,15 @@ def bench(net="", bus="", flow=SCALES):
     return bench_of("test", {"bench.toml": text.encode(), **sources}, "test.toml")
 
 
-class Kept:
-    def __init__(self):
-        self.readings, self.events = [], []
-
-    def exchange(self, exchange):
-        self.readings += exchange.readings
-
-    def event(self, kind, time_ns, **details):
-        self.events.append((kind, details))
-
-    def of(self, name):
-        return [reading for reading in self.readings if reading.name == name]
-
-    def good(self, name, count):
-        """The values of a channel, once so many came."""
-        give_up = time.monotonic() + 60.0
-        while len(found := [one.value for one in self.of(name) if one.good]) < count:
-            assert time.monotonic() < give_up, f"{len(found)} readings of {name}, not {count}"
-            time.sleep(0.02)
-        return found
-
-
 @pytest.fixture
 def acquiring():
-    started = []
-
-    def start(served, found):
-        sink = Kept()
-        acquisition = Acquisition(found, served.clock, functools.partial(port_for, served.ports))
-        started.append(acquisition)
-        acquisition.connect()
-        acquisition.begin(sink)
-        return acquisition, sink
-
-    yield start
-    for acquisition in started:
-        acquisition.stop()
+    with acquisitions() as start:
+        yield start
 
 
 def examined(served, found):
     """Looks for the one finding at a place with some words in it."""
-    findings = examine(found, functools.partial(port_for, served.ports), served.clock, polls=1)
+    findings = examine(found, ports_of(served), served.clock, polls=1)
 
     def finding(where, level, words):
         (only,) = [one for one in findings if (one.where, one.level) == (where, level) and words in one.what]
@@ -184,7 +148,7 @@ def test_a_value_far_outside_its_scale_is_never_ok_and_the_doctor_says_so_of_eac
     assert examined(served, bench(flow=far))("flowmeter", Level.WARNING, words)
     _, sink = acquiring(served, bench(flow=far))
     sink.good("flowmeter.flow_sl_min", 3)
-    assert {one.quality for one in sink.of("flowmeter.pressure_bar_gauge")} == {Quality.OVER_RANGE}
+    assert {one.quality for one in sink.readings("flowmeter.pressure_bar_gauge")} == {Quality.OVER_RANGE}
 
 
 @pytest.mark.parametrize(

@@ -22,9 +22,11 @@ from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort
 from rig.readings import Quality
 from rig.virtual.devices import frames
+from tests.instrument_peers import Peer
 from tests.modbus_peer import rtu
 
 TIMING = Timing(timeout_s=0.05, slowest_reply_s=0.15, quiet_s=0.005)
+REQUEST = 8  # bytes of a read and of a single write
 REGISTERS = {0: 111, 10: 222, 20: 333}  # each address has its own value, so that a wrong answer shows
 
 
@@ -34,46 +36,13 @@ def answer_of(request):
     return rtu(bytes([request[0], request[1], 2]) + REGISTERS[address].to_bytes(2, "big"))
 
 
-class Slave(threading.Thread):
-    """A Modbus RTU slave on a pty; `reply(request)` gives the (delay, bytes) pairs that it sends."""
-
-    def __init__(self, reply):
-        super().__init__(daemon=True)
-        self.master, self.slave = pty.openpty()
-        tty.setraw(self.slave)
-        self.path = os.ttyname(self.slave)
-        self.reply, self.ended = reply, threading.Event()
-        self.start()
-
-    def run(self):
-        pending = []  # (when, bytes)
-        while not self.ended.is_set():
-            now = time.monotonic()
-            for item in [item for item in pending if item[0] <= now]:
-                pending.remove(item)
-                os.write(self.master, item[1])
-            if select.select([self.master], [], [], 0.001)[0]:
-                came = os.read(self.master, 256)
-                # reads and single writes have 8 bytes: two that a busy machine hands over at once are two
-                apart = range(0, len(came), 8 if len(came) % 8 == 0 else len(came))
-                for request in [came[i : i + apart.step] for i in apart]:
-                    pending += [(time.monotonic() + delay, data) for delay, data in self.reply(request)]
-                pending.sort(key=lambda item: item[0])
-
-    def end(self):
-        self.ended.set()
-        self.join()
-        os.close(self.master)
-        os.close(self.slave)
-
-
 @pytest.fixture
 def on_line():
     """Opens a line to a slave that replies as told, and closes both."""
     made = []
 
     def make(reply, timing=TIMING):
-        slave = Slave(reply)
+        slave = Peer(reply, REQUEST)
         clock = Clock()
         line = Line("bus", SerialPort(slave.path, clock, baud=115200), clock, timing)
         line.open()
@@ -333,7 +302,7 @@ def test_a_port_that_another_program_has_open_is_told(on_line):
 
 
 def test_an_unplugged_port_is_told():
-    slave = Slave(lambda request: [])
+    slave = Peer(lambda request: [])
     clock = Clock()
     line = Line("bus", SerialPort(slave.path, clock), clock, TIMING)
     line.open()

@@ -27,29 +27,15 @@ from rig.recording import (
     write_recording,
 )
 from rig.recording.columns import FIGURES, MEASURED, NAMES, NUMERIC
+from tests import declared
 
 ROOT = Path(__file__).resolve().parents[2]
 PRACTICE = ROOT.parent / "shared" / "practice"
 
-TOML = """\
+TOML = f"""\
 format = "recording/1"
 motor = "ptm3600"
-[channels.pressure_bar_abs]
-noise_sd = 0.0015
-bias_sd = 0.005
-scale_sd = 0.002
-resolution = 0.001
-[channels.flow_l_min]
-noise_sd = 0.5
-bias_sd = 0.5
-scale_sd = 0.02
-resolution = 0.5
-[channels.speed_rpm]
-noise_sd = 0.4
-bias_sd = 0.1
-scale_sd = 0.0005
-resolution = 0.1
-[[files]]
+{declared.channels()}[[files]]
 file = "sweep.csv"
 kind = "steady"
 """

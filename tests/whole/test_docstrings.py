@@ -4,12 +4,16 @@ import importlib
 import inspect
 import pkgutil
 import re
+from pathlib import Path
 
 import numba
+
+ROOT = Path(__file__).resolve().parents[2]
 
 ROOMS = ("model", "calibration", "rig", "configs", "spinbench")
 SECTION = re.compile(r"^Parameters\n-{10}\n(.*?)(?=^\S[^\n]*\n-{3,}$|\Z)", re.MULTILINE | re.DOTALL)
 ENTRY = re.compile(r"^(?P<names>\*{0,2}\w+(?:, \*{0,2}\w+)*)(?: : (?P<kind>.+))?$")
+LINE = re.compile(r"^(?P<names>`\w+`(?:, `\w+`)*)(?:, (?P<shape>(?:shapes?|array) [^:]+))?: (?P<text>.*)$")
 UNIT = re.compile(r"\[[^\]]+\]|own unit")
 
 
@@ -56,11 +60,19 @@ def signature_names(function):
 
 
 def entries(thing):
-    """What its Parameters section says: names, kind and text of each entry; None without a section."""
-    section = SECTION.search(inspect.getdoc(thing) or "")
-    if section is None:
-        return None
+    """What it says of its parameters, in lines or in a Parameters section: names, kind and text of each entry."""
+    told = inspect.getdoc(thing) or ""
+    section = SECTION.search(told)
     found = []
+    if section is None:
+        is_entry = False
+        for line in told.splitlines():
+            if entry := LINE.match(line):
+                found.append([re.findall(r"\w+", entry["names"]), entry["shape"] or "", entry["text"]])
+            elif is_entry and line.startswith("    "):
+                found[-1][2] += f" {line.strip()}"
+            is_entry = bool(found) and (entry is not None or (is_entry and line.startswith("    ")))
+        return found
     for line in section.group(1).splitlines():
         if line and not line.startswith(" "):
             entry = ENTRY.match(line)
@@ -73,8 +85,8 @@ def entries(thing):
 
 
 def documented(thing):
-    """Names in its Parameters section."""
-    return [name for names, _, _ in entries(thing) or [] for name in names]
+    """Names that it says something of."""
+    return [name for names, _, _ in entries(thing) for name in names]
 
 
 def rooms_of(module):
@@ -105,8 +117,9 @@ def test_everything_public_has_a_docstring():
 def test_the_docstring_s_parameters_are_those_of_the_signature_in_its_order():
     wrong = {}
     for name, function in FUNCTIONS.items():
-        told = documented(function)
-        if told != [one for one in signature_names(function) if one in told]:
+        told, theirs = documented(function), signature_names(function)
+        in_order = name.split(".")[0] != "rig" or SECTION.search(inspect.getdoc(function) or "")
+        if told != [one for one in (theirs if in_order else told) if one in told and one in theirs]:
             wrong[name] = told
     assert wrong == {}
 
@@ -117,7 +130,7 @@ def test_no_entry_repeats_its_own_name():
     for name, function in FUNCTIONS.items():
         if name.startswith("model."):
             continue
-        for names, kind, text in entries(function) or []:
+        for names, kind, text in entries(function):
             said = set(re.findall(r"[a-z]+", text.lower())) - {"the", "a", "an", "of", "its", "s"}
             known = set(re.findall(r"[a-z]+", " ".join([*names, kind]).lower()))
             if said and said <= known and not UNIT.search(text) and "shape" not in kind:
@@ -136,13 +149,38 @@ def test_each_of_several_parameters_in_the_model_is_explained_by_the_function_or
     assert unexplained == {}
 
 
+def annotations_below(room):
+    """How parameters of each name are annotated, in a function, or in those of a module or a package."""
+    found = {}
+    for name, function in FUNCTIONS.items():
+        if name == room or name.startswith(f"{room}."):
+            for key, parameter in inspect.signature(function).parameters.items():
+                found.setdefault(key, set()).add(str(parameter.annotation))
+    return found
+
+
 def test_every_quantity_of_the_model_has_a_unit_or_a_shape():
+    bare, seen = [], 0
     places = FUNCTIONS | {name: importlib.import_module(name) for name in module_names()}
-    bare = [
-        (name, names)
-        for name, place in places.items()
-        if name.split(".")[0] == "model"
-        for names, kind, text in entries(place) or []
-        if re.match(r"(float|ndarray|array)", kind) and not (UNIT.search(text) or re.search(r"shapes? \(", kind))
-    ]
+    for name, place in places.items():
+        if name.split(".")[0] != "model" or not entries(place):
+            continue
+        annotated = annotations_below(name)
+        for names, shape, text in entries(place):
+            kinds = {kind for one in names for kind in annotated.get(one, ())}
+            if any(re.match(r"(float|np\.ndarray)\b", kind) for kind in kinds):
+                seen += 1
+                if not (UNIT.search(text) or re.search(r"shapes? \(", shape) or "as in `" in text):
+                    bare.append((name, names))
     assert bare == []
+    assert seen > 200
+
+
+def test_the_model_tells_a_parameter_in_a_line():
+    things = THINGS | {name: importlib.import_module(name) for name in module_names()}
+    sections = re.compile(r"^(Parameters|Attributes|Returns|Raises|Notes)\n-{3,}$", re.MULTILINE)
+    told = {name: inspect.getdoc(plain(thing)) or "" for name, thing in things.items()}
+    wrong = [name for name, words in told.items() if name.split(".")[0] == "model" and sections.search(words)]
+    headings = (ROOT / "docs" / "python-reference.md").read_text(encoding="utf-8")
+    shown = {name for name in wrong if any(f"\n### {part}\n" in headings for part in name.split("."))}
+    assert set(wrong) == shown, "in numpydoc is what the Python reference shows, and nothing else of the model"

@@ -71,8 +71,7 @@ def make(
 
 def truth_of(maker: str, data: dict[str, Any]) -> Any:
     """A truth as the rig knows it, from its JSON."""
-    rig: Any = layout.maker_of(maker)
-    return rig.from_json(data) if hasattr(rig, "from_json") else rig.Truth(**data)
+    return layout.maker_of(maker).Truth(**data)
 
 
 def _draw(maker: str, family: str, seed: int, cases: int, only: str) -> list[dict[str, Any]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol, cast, get_type_hints
@@ -21,7 +22,9 @@ class ChallengeError(ValueError):
 
 
 class Maker(Protocol):
-    """What a rig offers: a module with these functions."""
+    """What a rig offers: a module with these functions, and the class of its truths."""
+
+    Truth: Callable[..., Any]
 
     def draw(self, family: str, index: int, seed: int) -> Any:
         """A truth: a dataclass that JSON can hold."""

@@ -46,7 +46,7 @@ def run(
     campaign = layout.read_campaign(out)
     freeze(campaign)
     done = run_many(task or diagnose_case, items_of(campaign), out / RESULTS, workers, scheduler, tell)
-    other_code = [one for one in done if _is_no_verdict(one)]
+    other_code = [one for one in done if one.failed_by(ChallengeError)]
     if other_code:
         raise ChallengeError(
             f"{len(other_code)} of {len(done)} cases, first {other_code[0].name}: {other_code[0].error}"
@@ -88,7 +88,7 @@ def read_verdicts(campaign: Campaign) -> Ran:
     """The verdicts, all of them."""
     items = items_of(campaign, str(read_frozen(campaign)["diagnosis_sha256"]))
     found = read_results(items, campaign.folder / RESULTS)
-    done = [result for result in found if result is not None and not _is_no_verdict(result)]
+    done = [result for result in found if result is not None and not result.failed_by(ChallengeError)]
     if len(done) < len(found):
         raise ChallengeError(
             f"{campaign.folder}: {len(found) - len(done)} of {len(found)} cases have no verdict yet; "
@@ -139,11 +139,6 @@ def diagnose_case(argument: dict[str, Any]) -> dict[str, Any]:
         raise ChallengeError("this worker has other code than the campaign; restart it")
     found = diagnose(read_recording(Path(argument["folder"])), seed=argument["seed"])
     return {"diagnosis": as_json(found), "seconds": found.seconds}
-
-
-def _is_no_verdict(result: Result) -> bool:
-    """Whether a case failed by what ran it, not by its diagnosis."""
-    return result.error.startswith(ChallengeError.__name__)
 
 
 def verdicts_sha256(results: Sequence[Result]) -> str:

@@ -21,7 +21,6 @@ from calibration.work.many import Item, Result, Task, Tell, run_many
 from calibration.work.sources import code_sha256, diagnosis_sha256, scorer_sha256
 
 FOLDER = "scoring"
-Oracle = Callable[[Path, Sequence[str]], float]
 
 
 @dataclass(frozen=True)
@@ -167,11 +166,6 @@ class _Computing:
 
     def oracle(self, cases: Sequence[Case]) -> dict[str, Any]:
         """Held-out gains of the true sets of the library."""
-        if _oracle() is None:
-            self.problems.append(
-                "the oracle's gain was not computed: the diagnosis offers no held_out_gain(folder, ids)"
-            )
-            return {}
         listed = [case for case in cases if case.group != NONE and case.group in LISTED_IN_LIBRARY]
         return self.each("oracle", _oracle_gain, listed, code_sha256())
 
@@ -230,18 +224,10 @@ def _follow_up(maker: str, task: Task, argument: dict[str, Any]) -> dict[str, An
     return task({"folder": str(folder), "seed": argument["seed"], "code": more["code"]})
 
 
-def _oracle() -> Oracle | None:
-    """The held-out gain of a given set, where the diagnosis offers it: held_out_gain(folder, ids)."""
-    from calibration import diagnosis
-
-    return getattr(diagnosis, "held_out_gain", None)
-
-
 def _oracle_gain(argument: dict[str, Any]) -> dict[str, Any]:
-    computed = _oracle()
-    if computed is None:
-        raise layout.ChallengeError("this worker's diagnosis offers no held_out_gain")
-    return {"gain": float(computed(Path(argument["folder"]), sorted(argument["truth"]["ids"])))}
+    from calibration.diagnosis import held_out_gain
+
+    return {"gain": float(held_out_gain(Path(argument["folder"]), sorted(argument["truth"]["ids"])))}
 
 
 def frozen_sha256(frozen: Mapping[str, Any]) -> str:

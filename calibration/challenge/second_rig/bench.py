@@ -157,14 +157,12 @@ def history(rig: Rig, asked: Run, dt: float = marches.STEP_S, ripple: bool = Tru
     return History(np.concatenate([[0.0], np.cumsum(shown)]) * CELL_S, found[:, 1])
 
 
-def run(
-    rig: Rig, asked: Run, dt: float = marches.STEP_S, jitter: np.ndarray | None = None, ripple: bool = True
-) -> Readings:
+def run(rig: Rig, asked: Run, dt: float = marches.STEP_S, jitter: np.ndarray | None = None) -> Readings:
     """Readings of a run at every `SAMPLE_S`; a speed is the mean since the sample before. No flow is read.
 
     `jitter`, shape (n,), optional: how late each sample really is [s].
     """
-    found = history(rig, asked, dt, ripple)
+    found = history(rig, asked, dt)
     grid = np.arange(found.turned.size) * CELL_S
     ends = np.arange(asked.opened.size + 1) * SAMPLE_S
     if jitter is not None:

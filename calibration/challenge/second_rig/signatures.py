@@ -27,6 +27,7 @@ from rig.recording import Recording, RecordingFile
 
 SLOPE_PA = 2000.0  # over which slopes with the line's pressure are taken
 FLAT = float(np.log(0.4 / 0.01) / np.sqrt(12.0))  # sd of ln f_overall, log-uniform from 0.01 to 0.4
+ANGLE = 0.1  # rad; at which a supply changes, the same for all
 LEVEL_PA = 4000.0  # rows nearer than this are of one level
 ROLLER, INERTIA = 2, 5  # places among the nuisances
 LINE = 6 + len(ERRORS)  # where those of the line begin, and then those of each run
@@ -91,11 +92,10 @@ class Probed:
     one_sided: bool
 
 
-def asked_of(recording: Recording, truth: Truth, angle: float = 0.1) -> Asked:
+def asked_of(recording: Recording, truth: Truth) -> Asked:
     """The rows and runs of a recording, at the pressures that its gauge read.
 
     `truth`: the case: its gauge's errors are taken off, its line and its instruments are those of the runs.
-    `angle`: at which a supply changes, the same for all [rad].
     """
     base = bench.without(truth.rig(recording.added_inertia_kg_m2), ())
     steady, zeros, runs, told = [], [], [], told_of(recording, truth)
@@ -104,7 +104,7 @@ def asked_of(recording: Recording, truth: Truth, angle: float = 0.1) -> Asked:
             zeros.append((file.rows, file.noise_scale))
             continue
         if file.kind == "transient":
-            runs.append(run_of(file, truth, told, base, angle))
+            runs.append(run_of(file, truth, told, base, ANGLE))
             continue
         lines = (file.columns["pressure_bar_abs"].values - truth.errors.get("pressure_offset_bar", 0.0)) * BAR
         lines = lines / (1.0 + truth.errors.get("pressure_scale", 0.0))

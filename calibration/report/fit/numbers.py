@@ -24,6 +24,7 @@ NOISE_NODES = ndtri((np.arange(15) + 0.5) / 15.0)  # of a standard normal, equal
 TARGET = "f_overall"
 BINS, KEPT = 48, 2000  # points of a grid each way; draws that a density is made of
 MARGIN = 0.15  # of the samples' range, that a density is drawn beyond it
+SHARES = (0.90, 0.68)  # of the draws, that a region of a density holds
 WEAK, MOST = 0.25, 4  # a correlation below it is not worth a word; how many are told
 
 
@@ -165,14 +166,14 @@ def suspects(found: Fit) -> list[Suspect]:
     return result
 
 
-def trade_offs(posterior: Posterior, name: str = TARGET) -> list[tuple[Unknown, float]]:
-    """The other unknowns with their correlation with one, strongest first [-]."""
+def trade_offs(posterior: Posterior) -> list[tuple[Unknown, float]]:
+    """The other unknowns with their correlation with f_overall, strongest first [-]."""
     names = [estimate.unknown.name for estimate in posterior.estimates]
-    r = np.corrcoef(posterior.values, rowvar=False)[names.index(name)]
+    r = np.corrcoef(posterior.values, rowvar=False)[names.index(TARGET)]
     others = [
         (estimate.unknown, float(value))
         for estimate, value in zip(posterior.estimates, r, strict=True)
-        if estimate.unknown.name != name
+        if estimate.unknown.name != TARGET
     ]
     return sorted(others, key=lambda pair: -abs(pair[1]))
 
@@ -197,10 +198,8 @@ def prior_density(unknown: Unknown, values: np.ndarray) -> np.ndarray:
     return np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) * slope
 
 
-def density_regions(
-    x: np.ndarray, y: np.ndarray, shares: Sequence[float] = (0.90, 0.68)
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
-    """A smoothed density of samples in the plane, and the heights that enclose given shares of them.
+def density_regions(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
+    """A smoothed density of samples in the plane, and the heights that enclose SHARES of them.
 
     `x`, `y`, shape (n,): samples, each in its own unit.
     Returns `x_centre, y_centre`: in the samples' units; `density`: rows go with y [-]; `heights`: rising, one a share
@@ -213,7 +212,7 @@ def density_regions(
     density = gaussian_kde(kept)(grid.reshape(2, -1)).reshape(BINS, BINS)
     falling = np.sort(density.ravel())[::-1]
     enclosed = np.cumsum(falling) / falling.sum()
-    heights = [float(falling[np.searchsorted(enclosed, share)]) for share in shares]
+    heights = [float(falling[np.searchsorted(enclosed, share)]) for share in SHARES]
     return x_centre, y_centre, density, heights
 
 

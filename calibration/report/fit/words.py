@@ -13,6 +13,7 @@ from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior
 from calibration.fit.whole import WholeFit
 from calibration.report.fit.numbers import TARGET, UNITS, Suspect, strongest
+from calibration.report.sets_in_words import listed
 from calibration.unknowns.priors import Error, OfEffect, OfInstrument, Unknown, full_name
 from model.effects import effects
 
@@ -155,8 +156,7 @@ def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
     if not strong:
         return f"{TARGET} is correlated with no other unknown to speak of."
     words = [f"{called(unknown)} ({r:+.2f})".replace("-", "−") for unknown, r in strong]
-    listed = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-    return f"{TARGET} is correlated most with {listed}."
+    return f"{TARGET} is correlated most with {listed(words)}."
 
 
 def prior_says(found: AnyFit) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 FORMAT = "simulation/1"
 SENSITIVITY_FORMAT = "sensitivity/1"
+RUN_ROWS = 12  # of a run in time that are shown
 
 # Rows of the table of one point: words, key, unit, digits after the point; a row without a key is a heading.
 POINT_ROWS: tuple[tuple[str, str, str, int], ...] = (
@@ -111,10 +112,10 @@ def sweep_table(points: Sequence[OperatingPoint]) -> Table:
     return table
 
 
-def transient_table(run: Transient, rows: int = 12) -> Table:
+def transient_table(run: Transient) -> Table:
     """Some rows of a run in time, equally spaced."""
     table = _table("", ("time (s)", "right"), ("speed (rpm)", "right"), ("turns", "right"))
-    for i in np.unique(np.linspace(0, run.time_s.size - 1, rows).astype(int)):
+    for i in np.unique(np.linspace(0, run.time_s.size - 1, RUN_ROWS).astype(int)):
         turns = (run.angle_rad[i] - run.angle_rad[0]) / (2.0 * np.pi)
         table.add_row(f"{run.time_s[i]:.3f}", f"{run.speed_rad_s[i] * at.RPM:.2f}", f"{turns:.3f}")
     return table

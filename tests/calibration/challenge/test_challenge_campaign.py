@@ -10,6 +10,7 @@ import stat
 import pyarrow.parquet as pq
 import pytest
 
+from calibration import diagnosis
 from calibration.challenge.campaign import freezing, layout, running
 from calibration.challenge.campaign.campaign import make
 from calibration.challenge.campaign.layout import ChallengeError, canonical, sha256
@@ -316,7 +317,7 @@ def test_confounded_cases_are_resolved_by_the_test_that_was_recommended(campaign
 
 def test_the_oracle_is_asked_where_one_or_two_effects_of_the_library_are_concealed(campaign, book, monkeypatch):
     asked = []
-    monkeypatch.setattr(opening, "_oracle", lambda: lambda folder, ids: asked.append((folder.name, ids)) or 10.0)
+    monkeypatch.setattr(diagnosis, "held_out_gain", lambda folder, ids: asked.append((folder.name, ids)) or 10.0)
     ran(campaign)
     found = scored(campaign, book, oracle=True)
     told = {c.name: sorted(c.truth["ids"]) for c in found.cases if c.group in ("single", "pair")}

@@ -7,7 +7,6 @@ import pytest
 from calibration.challenge.second_rig import another_day, draw, make_recording
 from calibration.diagnosis.next_test.promised import captures_of
 from calibration.studies.follow_ups import dry_friction_alone, page, picture, summary
-from calibration.work.many import Result
 from rig.recording import read_recording
 
 CAPTURES = [
@@ -45,8 +44,8 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
         {"ids": [], "D": 0.0, "steps": [step("right", False)]},
         {"ids": ["flow_scale"], "D": None, "steps": [step("right", True)]},
     ]
-    results = [Result(f"case-{i}", one, "", 1.0) for i, one in enumerate(cases)]
-    found = summary([*results, Result("case-9", None, "ValueError: no", 1.0)], "code")
+    rows = [one | {"name": f"case-{i}", "error": ""} for i, one in enumerate(cases)]
+    found = summary([*rows, {"name": "case-9", "error": "ValueError: no"}], 1, "code")
     assert (found["cases"], found["open"], found["ratios"]) == (5, 3, 2)
     assert found["ratio_median"] == pytest.approx(0.75)
     assert (found["told_apart"], found["named_after"]) == (2, [1, 1])

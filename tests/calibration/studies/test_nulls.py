@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,9 +17,9 @@ from scipy.stats import binom
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.detect import rarity
-from calibration.studies import nulls, nulls_draw, nulls_table
-from calibration.studies.campaigns import OtherCodeError, code_of_a_case
-from calibration.studies.nulls import Kind, items_of, p_of_null
+from calibration.studies import nulls_draw, nulls_table
+from calibration.studies.campaigns import OtherCodeError, main, with_same_code
+from calibration.studies.nulls import STUDY, p_of_null
 from calibration.unknowns.priors import at_ambient
 from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, read_motor
@@ -30,15 +31,22 @@ pytestmark = pytest.mark.long
 ROOT = Path(__file__).resolve().parents[3]
 SEED = 7_000
 COUNT = 4
-SMALL = {Kind("declared"): COUNT}
 PATIENCE_S = 120.0
 WINDAGE = {"windage": {"drag_nm_s2": 5e-4}}
 LEAK = {"leakage": {"conductance_kg_s_pa2": 1e-13}}
 
 
 def argument(seed, concealed=None, noise="declared"):
-    said = {"noise": noise, "with_runs": False, "seed": seed, "code": code_of_a_case()}
+    said = {"noise": noise, "with_runs": False, "seed": seed}
     return said | ({"concealed": concealed} if concealed else {})
+
+
+def campaign(folder, count=COUNT, workers=0):
+    """Make a small campaign; the arguments that do."""
+    given = ["-o", str(folder), "--sweeps", str(count), "--with-runs", "0", "--noise", "declared"]
+    given += ["--first-seed", str(SEED), "--workers", str(workers)]
+    assert main(STUDY, given) == 0
+    return given
 
 
 def files_of(folder):
@@ -55,7 +63,7 @@ def p_values(folder):
 def finished(tmp_path_factory):
     """A small campaign that nothing interrupted, made in this process."""
     folder = tmp_path_factory.mktemp("finished")
-    nulls.run_campaign(SMALL, folder, 0, first_seed=SEED)
+    campaign(folder)
     return folder
 
 
@@ -145,7 +153,7 @@ def test_nulls_without_an_effect_have_p_values_all_over(finished):
 
 
 def test_results_do_not_depend_on_the_number_of_workers(finished, tmp_path):
-    nulls.run_campaign({Kind("declared"): 3}, tmp_path, 2, first_seed=SEED)
+    campaign(tmp_path, 3, 2)
     assert p_values(tmp_path) == p_values(finished)[:3]
 
 
@@ -182,22 +190,23 @@ def test_a_campaign_that_is_stopped_goes_on_where_it_was(finished, tmp_path, blo
     assert ("the same command goes on" in told) == (blow == signal.SIGINT)
     before = files_of(tmp_path)
     assert 1 <= len(before) < 200
-    nulls.run_campaign(SMALL, tmp_path, 0, first_seed=SEED)
+    campaign(tmp_path)
     after = files_of(tmp_path)
     assert {name: after[name] for name in before} == before
     assert p_values(tmp_path) == p_values(finished)
 
 
 def test_a_worker_with_other_code_gives_no_result():
+    assert with_same_code(STUDY.roots, STUDY.code(), len, "four") == 4
     with pytest.raises(OtherCodeError):
-        p_of_null(argument(SEED) | {"code": "another"})
+        with_same_code(STUDY.roots, "another", len, "four")
 
 
-def test_a_null_of_other_code_is_made_anew(monkeypatch):
-    before = items_of(SMALL)[0]
-    monkeypatch.setattr(nulls, "code_of_a_case", lambda: "another")
-    after = items_of(SMALL)[0]
-    assert (before.name, before.mark != after.mark) == (after.name, True)
+def test_every_null_s_result_is_marked_with_the_code():
+    asked = SimpleNamespace(sweeps=2, with_runs=1, noise=["coarse"], first_seed=SEED)
+    items = STUDY.items(asked, "code")
+    assert [item.name for item in items] == [f"coarse-{SEED}", f"coarse-{SEED + 1}", f"coarse_with_runs-{SEED}"]
+    assert {item.mark for item in items} == {"code"}
 
 
 def rows_of(p, name="declared"):
@@ -240,13 +249,11 @@ def test_a_class_that_failed_altogether_is_shown_as_such():
 
 
 def test_the_page_is_written_only_where_it_is_asked_for(finished, capsys):
-    given = ["-o", str(finished), "--sweeps", str(COUNT), "--with-runs", "0", "--noise", "declared"]
-    given += ["--first-seed", str(SEED), "--workers", "0"]
     page = finished / "page"
-    assert nulls.main(given) == 0
+    given = campaign(finished)
     assert not page.exists()
-    assert nulls.main([*given, "--page", str(page)]) == 0
-    assert sorted(path.name for path in page.iterdir()) == sorted(nulls_table.PAGE)
+    assert main(STUDY, [*given, "--page", str(page)]) == 0
+    assert sorted(path.name for path in page.iterdir()) == ["nulls.json", "nulls.md", "nulls.png"]
     assert f"Seeds: {SEED}" in (page / "nulls.md").read_text(encoding="utf-8")
     assert f"| declared | {COUNT} | 0 |" in capsys.readouterr().out
 
@@ -261,7 +268,7 @@ def test_the_page_is_written_only_where_it_is_asked_for(finished, capsys):
 )
 def test_a_command_that_cannot_be_done_is_refused_in_a_line(given, said, tmp_path, capsys):
     try:
-        code = nulls.main(["-o", str(tmp_path / "out"), *given])
+        code = main(STUDY, ["-o", str(tmp_path / "out"), *given])
     except SystemExit as ended:
         code = ended.code
     assert code == 2

@@ -63,8 +63,9 @@ def test_posteriors_half_as_wide_would_be_noticed(results):
 
 @pytest.mark.slow
 def test_the_summary_counts_fits_and_coverage(results):
-    summary = sbc.summary(results)
-    assert summary["fits"] == len(results)
+    rows = [result | {"error": ""} for result in results]
+    summary = sbc.summary([*rows, {"error": "it broke"}], SEEDS[0], "code")
+    assert (summary["fits"], summary["failed"]) == (len(results), 1)
     hits = sum(result["inside"]["90"] for result in results)
     assert summary["coverage_of_f_overall"]["90"]["share"] == pytest.approx(hits / len(results))
     assert sbc.rank_plot(results).startswith(b"\x89PNG")

@@ -1,11 +1,6 @@
 """The drivers over real bytes: a scripted peer on a pty says what a good, a faulty and a strange device say."""
 
-import os
-import pty
-import select
 import struct
-import threading
-import tty
 
 import pytest
 
@@ -18,40 +13,10 @@ from rig.lines import Line, LostError, NoReplyError, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
 from rig.replay.player import ReplayPort
-from tests.instrument_peers import lutron_bytes, read_instrument
+from tests.instrument_peers import Peer, lutron_bytes, read_instrument
 from tests.modbus_peer import rtu
 
 TIMING = Timing(timeout_s=0.05, slowest_reply_s=0.08, quiet_s=0.005)
-
-
-class Peer(threading.Thread):
-    """The far end of a pty; answers each request with what `reply(request)` gives: bytes, or None for silence."""
-
-    def __init__(self, reply):
-        super().__init__(daemon=True)
-        self.master, self.slave = pty.openpty()
-        tty.setraw(self.slave)
-        self.reply, self.ended = reply, threading.Event()
-        self.requests = []
-        self.start()
-
-    def send(self, data):
-        os.write(self.master, data)
-
-    def run(self):
-        while not self.ended.is_set():
-            if select.select([self.master], [], [], 0.01)[0]:
-                request = os.read(self.master, 512)
-                self.requests.append(request)
-                answer = self.reply(request)
-                if answer:
-                    self.send(answer)
-
-    def end(self):
-        self.ended.set()
-        self.join()
-        os.close(self.master)
-        os.close(self.slave)
 
 
 @pytest.fixture
@@ -61,7 +26,7 @@ def bench():
 
     def put(driver, reply=lambda request: None, timing=TIMING):
         peer, clock = Peer(reply), Clock()
-        line = Line("bus", SerialPort(os.ttyname(peer.slave), clock, baud=115200), clock, timing)
+        line = Line("bus", SerialPort(peer.path, clock, baud=115200), clock, timing)
         line.open()
         made.append((line, peer))
         driver.open(line)

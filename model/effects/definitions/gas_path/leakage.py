@@ -16,10 +16,7 @@ def leak(p: Values, state: State) -> np.ndarray:
     root (Stodola's ellipse); through a hole with its power 0.4, Saint-Venant and Wantzel's nozzle to 2 % between
     1.3 and 3 times the ambient pressure: the volume at the line's pressure then hardly changes.
 
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``conductance_kg_s_pa2``, that of the flow at a line of twice the ambient pressure, and ``exponent``; laminar
+    `p`: ``conductance_kg_s_pa2``, that of the flow at a line of twice the ambient pressure, and ``exponent``; laminar
         where there is none.
     """
     over = np.maximum(state.pressure**2 - state.ambient**2, 0.0)

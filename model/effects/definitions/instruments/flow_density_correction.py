@@ -12,12 +12,8 @@ SCALE_PRESSURE_PA, SCALE_TEMPERATURE_K = 101_325.0, 293.15
 def reads(p: Values, true: np.ndarray, state: State) -> np.ndarray:
     """The float balances drag, so the scale reads the flow times the root of the density ratio [m3/s].
 
-    Parameters
-    ----------
-    p : mapping of str to float
-        ``share``: 1 when the scale was made for 1 atm and 20 degC.
-    true : ndarray, shape (n,)
-        Flow at the line's state [m3/s].
+    `p`: ``share``: 1 when the scale was made for 1 atm and 20 degC.
+    `true`, shape (n,): flow at the line's state [m3/s].
     """
     ratio = state.pressure / SCALE_PRESSURE_PA * SCALE_TEMPERATURE_K / state.temperature
     return true * (1.0 + p["share"] * (np.sqrt(ratio) - 1.0))

@@ -18,10 +18,7 @@ def torque(p: Values, state: State) -> np.ndarray:
 def turned(p: Values, turn: float) -> Values:
     """The same torque of an angle counted from ``turn`` farther back: sin(theta + turn) written out.
 
-    Parameters
-    ----------
-    turn : float
-        How far [rad].
+    `turn`: how far [rad].
     """
     sine, cosine = p["sine_nm"], p["cosine_nm"]
     return {

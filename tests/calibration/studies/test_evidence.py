@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import minus_log_posterior
-from calibration.studies import evidence_cases, evidence_check, evidence_numbers, evidence_page, evidence_reference
-from calibration.studies.campaigns import OtherCodeError
+from calibration.studies import evidence, evidence_page, evidence_reference
+from calibration.studies.campaigns import main
 from calibration.studies.evidence_reference import NOWHERE, adapted, importance, nested
 from calibration.studies.evidence_target import Target
 from calibration.studies.nulls_draw import null_recording
@@ -150,11 +151,15 @@ def test_of_a_real_sweep_both_samplers_and_laplace_give_one_evidence(comparison,
     laplace = base.log_evidence + target.noise_log_volume
     assert weighed.effective > 50.0
     assert abs(run.log_evidence - weighed.log_evidence) < 3.0 * math.hypot(run.error, weighed.error)
-    assert abs(laplace - weighed.log_evidence) < evidence_numbers.AGREE
+    assert abs(laplace - weighed.log_evidence) < evidence_page.AGREE
+
+
+def items_of(cases, nested_every=1):
+    return evidence.items_of(SimpleNamespace(cases=cases, nested_every=nested_every, first_seed=SEED), "code")
 
 
 def test_every_effect_of_a_sweep_is_concealed_and_every_other_case_is_a_null():
-    items = evidence_cases.items_of(50)
+    items = items_of(50)
     concealed = [item.argument["concealed"] for item in items]
     assert [bool(one) for one in concealed] == [i % 2 == 0 for i in range(50)]
     names = {name for one in concealed for name in one}
@@ -166,19 +171,13 @@ def test_every_effect_of_a_sweep_is_concealed_and_every_other_case_is_a_null():
 
 
 def test_fewer_cases_are_the_first_of_more():
-    assert evidence_cases.items_of(5) == evidence_cases.items_of(50)[:5]
+    assert items_of(5) == items_of(50)[:5]
 
 
 def test_nested_sampling_is_done_where_it_is_asked_for_and_repeated_in_one_case_of_five():
-    repeats = [item.argument["repeats"] for item in evidence_cases.items_of(20, nested_every=2)]
+    repeats = [item.argument["repeats"] for item in items_of(20, nested_every=2)]
     assert repeats == [2, 0, 1, 0, 1, 0, 1, 0, 1, 0] * 2
-    assert {item.argument["repeats"] for item in evidence_cases.items_of(4, nested_every=0)} == {0}
-
-
-def test_a_worker_with_other_code_gives_no_result():
-    item = evidence_cases.items_of(1)[0]
-    with pytest.raises(OtherCodeError):
-        evidence_cases.check_case(item.argument | {"code": "another"})
+    assert {item.argument["repeats"] for item in items_of(4, nested_every=0)} == {0}
 
 
 def model_of(laplace, sampled, runs=()):
@@ -194,7 +193,7 @@ def model_of(laplace, sampled, runs=()):
 
 def row_with(base, full, **changes):
     value = {"amplitude": 1.0, "amplitude_sd": 0.1, "slowest_rad_s": 9.0, "not_read": 0} | changes
-    numbers = evidence_numbers.numbers(value | {"base": base, "with_effect": full})
+    numbers = evidence_page.numbers(value | {"base": base, "with_effect": full})
     row = {"name": "case", "seed": 1, "noise": "declared", "concealed": "", "size": None, "effect": "windage"}
     return row | numbers | {"seconds": 2.0, "error": ""}
 
@@ -207,7 +206,7 @@ def test_figures_are_of_the_effect_over_the_base_model():
     assert row["importance"] == pytest.approx(2.2)
     assert row["importance_error"] == pytest.approx(math.hypot(0.03, 0.03))
     assert (row["base_off"], row["effect_off"]) == (pytest.approx(0.1), pytest.approx(0.9))
-    assert evidence_numbers.reference(row) == (row["nested"], row["nested_error"])
+    assert evidence_page.reference(row) == (row["nested"], row["nested_error"])
 
 
 @pytest.mark.parametrize(
@@ -220,14 +219,14 @@ def test_figures_are_of_the_effect_over_the_base_model():
     ],
 )
 def test_a_case_is_of_the_kind_that_its_mode_shows(changes, kind):
-    assert evidence_numbers.kind(row_with(model_of(0.0, 0.0), model_of(0.0, 0.0), **changes)) == kind
+    assert evidence_page.kind(row_with(model_of(0.0, 0.0), model_of(0.0, 0.0), **changes)) == kind
 
 
 def test_a_case_that_is_off_is_counted_shown_and_set_in_bold():
     near, far = row_with(model_of(10.0, 8.0), model_of(10.3, 8.0)), row_with(model_of(10.0, 8.0), model_of(9.0, 8.0))
     failed = dict.fromkeys(near) | {"name": "case-9", "seed": 9, "noise": "heavy", "effect": "", "concealed": ""}
     rows = [near, far, failed | {"seconds": 1.0, "error": "it broke"}]
-    found = evidence_numbers.summary(rows, SEED, "code")
+    found = evidence_page.summary(rows, SEED, "code")
     assert (found["cases"], found["failed"], found["nested"]) == (3, 1, 0)
     assert (found["all"]["cases"], found["all"]["within"], found["all"]["smaller"]) == (2, 1, 1)
     page = evidence_page.page(found, rows)
@@ -240,16 +239,16 @@ def test_a_case_that_is_off_is_counted_shown_and_set_in_bold():
 def test_a_campaign_is_written_and_its_page_only_where_it_is_asked_for(tmp_path, capsys, monkeypatch):
     for name, value in (("ROUND_DRAWS", 60), ("FEWEST_ROUNDS", 1), ("MOST_ROUNDS", 2)):
         monkeypatch.setattr(evidence_reference, name, value)
-    monkeypatch.setattr(evidence_cases, "DRAWS", 60)
+    monkeypatch.setattr(evidence, "DRAWS", 60)
     given = ["-o", str(tmp_path), "--cases", "1", "--nested-every", "0", "--workers", "0"]
     page = tmp_path / "page"
-    assert evidence_check.main(given) == 0
+    assert main(evidence.STUDY, given) == 0
     (result,) = (tmp_path / "results").glob("*.json")
     before = result.read_bytes()
     assert not page.exists()
-    assert evidence_check.main([*given, "--page", str(page)]) == 0
+    assert main(evidence.STUDY, [*given, "--page", str(page)]) == 0
     assert result.read_bytes() == before
-    assert sorted(path.name for path in page.iterdir()) == sorted(evidence_page.PAGE)
+    assert sorted(path.name for path in page.iterdir()) == ["evidence.json", "evidence.md", "evidence.png"]
     (case,) = json.loads((page / "evidence.json").read_text(encoding="utf-8"))["cases"]
     assert case["effect"] == "coulomb_friction"
     assert case["nested"] is None and np.isfinite(case["importance"])
@@ -262,7 +261,7 @@ def test_a_campaign_is_written_and_its_page_only_where_it_is_asked_for(tmp_path,
 )
 def test_a_command_that_cannot_be_done_is_refused_in_a_line(given, said, tmp_path, capsys):
     try:
-        code = evidence_check.main(["-o", str(tmp_path / "out"), *given])
+        code = main(evidence.STUDY, ["-o", str(tmp_path / "out"), *given])
     except SystemExit as ended:
         code = ended.code
     assert code == 2

@@ -1,31 +1,55 @@
-"""The cases of a check of the evidence: what is drawn, and the evidences of each."""
+"""Whether the evidence that a diagnosis weighs by, Laplace's, is right: against nested sampling of the same posterior.
+
+A case is a sweep drawn by `nulls_draw`, with nothing concealed or with one effect. It is searched as a
+diagnosis does it; then the Bayes factor of one effect against the base model is taken three ways: as the diagnosis has
+it, by nested sampling, and by importance sampling. The effect is the one concealed; where nothing is, the one that the
+diagnosis finds most probable. Runs in time are left aside: a call of the model takes fifteen times as long there.
+
+    python -m calibration.studies.evidence -o out/evidence     # resumable: a case that is there is not made again
+"""
 
 from __future__ import annotations
 
+import argparse
 import math
+import sys
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from calibration.studies.campaigns import code_of_a_case, same_code
+from calibration.studies import evidence_page
+from calibration.studies.campaigns import Study, main, whole_number
 from calibration.studies.nulls_draw import NOISES, null_recording, template
-from calibration.work.many import Item
+from calibration.work import many_table
+from calibration.work.many import Item, Result
+from calibration.work.sources import DIAGNOSIS
 from model.effects.effect import Effect
 
-FIRST_SEED = 400_000
 SIZES = (0.1, 0.3, 1.0)  # of what is concealed, in ordinary sizes of the effect
 REPEAT_EVERY = 5  # cases whose nested sampling is repeated with another seed: one in so many of those that have it
 DRAWS = 1000  # of importance sampling
+CASES = 50  # every other one with an effect concealed
+COLUMNS = {
+    "name": many_table.TEXT,
+    "seed": many_table.WHOLE,
+    "noise": many_table.TEXT,
+    "concealed": many_table.TEXT,
+    "size": many_table.NUMBER,
+    "effect": many_table.TEXT,
+    **dict.fromkeys(evidence_page.NUMBERS, many_table.NUMBER),
+    "seconds": many_table.NUMBER,
+    "error": many_table.TEXT,
+}
 
 
 def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
     """One case's evidences.
 
     `argument`: ``seed``, ``noise``, ``concealed`` (effects and their parameters [SI]; empty for a null), ``repeats`` of
-        nested sampling, and ``code``, the hash of the sources that the campaign began with.
+        nested sampling.
     Returns ``effect``, and for ``base`` and ``with_effect`` what `evidences` gives; where the effect's amplitude is,
-    and how slow the slowest level that was read. Raises OtherCodeError when this process has other sources.
+    and how slow the slowest level that was read.
     """
     from calibration.diagnosis.diagnose import FARTHER
     from calibration.diagnosis.steps.name import screen
@@ -36,7 +60,6 @@ def check_case(argument: Mapping[str, Any]) -> dict[str, Any]:
     from calibration.systems.radial_piston.comparison import Comparison
     from calibration.systems.radial_piston.predict.problem import Problem
 
-    same_code(argument["code"])
     seed = argument["seed"]
     recording, _ = null_recording(argument["noise"], False, np.random.default_rng(seed), argument["concealed"])
     comparison = Comparison(Problem(recording))
@@ -89,36 +112,33 @@ def evidences(comparison: Any, mode: Any, seed: int, repeats: int) -> dict[str, 
     }
 
 
-def items_of(cases: int, first_seed: int = FIRST_SEED, nested_every: int = 1) -> list[Item]:
+def items_of(given: argparse.Namespace, code: str) -> list[Item]:
     """Every case of a campaign: an effect is concealed in every other one, effects, sizes and noises in turn.
 
-    `first_seed`: of the first; the others follow it [-].
-    `nested_every`: one case in so many is nested-sampled, the others importance-sampled alone; 0 for none [-].
+    `given`: one case in ``nested_every`` is nested-sampled, the others importance-sampled alone; 0 for none [-].
     """
     from calibration.systems.radial_piston.predict.problem import Problem
 
-    code = code_of_a_case()
     could = Problem(template(NOISES[0], False)).effects_that_could()
     items = []
-    for i in range(cases):
+    for i in range(given.cases):
         which = i // 2  # of those with an effect concealed, or of those without
         turn = which // len(could)
         concealed, size = {}, None
         if i % 2 == 0:
             effect, size = could[which % len(could)], SIZES[(which + turn) % len(SIZES)]
             concealed = {effect.id: _values(effect, size, which)}
-        repeats = int(nested_every > 0 and i % nested_every == 0)
-        if repeats and (i // nested_every) % REPEAT_EVERY == 0:
+        repeats = int(given.nested_every > 0 and i % given.nested_every == 0)
+        if repeats and (i // given.nested_every) % REPEAT_EVERY == 0:
             repeats = 2
         argument = {
-            "seed": first_seed + i,
+            "seed": given.first_seed + i,
             "noise": NOISES[(which + turn) % len(NOISES)],
             "concealed": concealed,
             "size": size,
             "repeats": repeats,
-            "code": code,
         }
-        items.append(Item(f"case-{first_seed + i}", argument, f"{code}-{repeats}"))
+        items.append(Item(f"case-{given.first_seed + i}", argument, f"{code}-{repeats}"))
     return items
 
 
@@ -128,3 +148,45 @@ def _values(effect: Effect, size: float, which: int) -> dict[str, float]:
     sign = -1.0 if amplitude.low < 0.0 and which % 2 else 1.0
     values = {parameter.name: parameter.scale for parameter in effect.parameters}
     return values | {amplitude.name: amplitude.expected + sign * size * amplitude.scale}
+
+
+def row_of(item: Item, result: Result) -> dict[str, Any]:
+    """A case as a row of the table; a failed one has its error."""
+    given = item.argument
+    row = {
+        "name": item.name,
+        "seed": given["seed"],
+        "noise": given["noise"],
+        "concealed": next(iter(given["concealed"]), ""),
+        "size": given["size"],
+        "effect": (result.value or {}).get("effect", ""),
+    }
+    numbers = evidence_page.numbers(result.value) if result.value else dict.fromkeys(evidence_page.NUMBERS)
+    return row | numbers | {"seconds": result.seconds, "error": result.error}
+
+
+STUDY = Study(
+    name="evidence",
+    words=__doc__,
+    roots=("calibration.studies.nulls_draw", DIAGNOSIS),
+    task=check_case,
+    items=items_of,
+    first_seed=400_000,
+    options={
+        "--cases": {"type": whole_number, "default": CASES, "help": "half with an effect concealed (%(default)s)"},
+        "--nested-every": {
+            "type": whole_number,
+            "default": 1,
+            "help": "nested sampling of one case in so many; 0 for none",
+        },
+    },
+    row=row_of,
+    columns=COLUMNS,
+    summary=evidence_page.summary,
+    documents=evidence_page.documents,
+    told=evidence_page.verdict,
+    needs="dynesty",
+)
+
+if __name__ == "__main__":
+    sys.exit(main(STUDY))
