@@ -13,39 +13,63 @@ import re
 from collections.abc import Container
 from dataclasses import dataclass
 
+from configs.units import BAR, M3_S, RAD_S
+
 FIGURES = ("noise_sd", "bias_sd", "scale_sd", "resolution")
 HUGE = 1e12  # beyond it no column here has a physical meaning
 
 
 @dataclass(frozen=True)
 class Known:
-    """A column known by name: plausible limits in its unit and, for an instrument, its default figures."""
+    """A column known by name.
+
+    `low`, `high`: plausible limits [unit].
+    `figures`: of an instrument that states none.
+    `channel`: the quantity that it holds, which several columns may share; empty for a flag.
+    `si`, `to_si`: the unit that is computed with, and the factor to it; a temperature stays in degrees Celsius.
+    """
 
     column: str
     says: str
     low: float
     high: float
     figures: tuple[float, float, float, float] | None = None
+    channel: str = ""
+    unit: str = "1"
+    si: str = "1"
+    to_si: float = 1.0
+
+    @property
+    def name_si(self) -> str:
+        """The quantity's name with the unit that is computed with: ``speed_rad_s``."""
+        unit = self.si.removeprefix("deg").replace(" ", "").replace("/", "_").lower()
+        return f"{self.channel}_{unit}" if unit else self.channel
 
 
 PRESSURE = ("pressure_bar_abs", "pressure_bar_gauge")
 FLAGS = ("supply_open", "rotor_locked")
 
+_GAUGE, _BAR = (0.005, 0.02, 0.005, 0.01), ("pressure", "bar", "Pa", BAR)
 _ALL = (
-    Known("time_s", "seconds on the file's clock", -HUGE, HUGE),
-    Known("pressure_bar_abs", "absolute inlet pressure, 0.01 to 40 bar", 0.01, 40.0, (0.005, 0.02, 0.005, 0.01)),
-    Known("pressure_bar_gauge", "gauge inlet pressure, -1.1 to 40 bar", -1.1, 40.0, (0.005, 0.02, 0.005, 0.01)),
-    Known("flow_l_min", "L/min at the inlet's state, up to 100000", -math.inf, 1e5, (1.0, 1.0, 0.03, 1.0)),
-    Known("speed_rpm", "rpm, 0 to 200000, never negative", 0.0, 2e5, (0.5, 0.1, 0.0005, 0.1)),
+    Known("time_s", "seconds on the file's clock", -HUGE, HUGE, None, "time", "s", "s"),
+    Known("pressure_bar_abs", "absolute inlet pressure, 0.01 to 40 bar", 0.01, 40.0, _GAUGE, *_BAR),
+    Known("pressure_bar_gauge", "gauge inlet pressure, -1.1 to 40 bar", -1.1, 40.0, _GAUGE, *_BAR),
+    Known("flow_l_min", "L/min at the inlet's state, up to 100000", -math.inf, 1e5, (1.0, 1.0, 0.03, 1.0),
+          "flow", "L/min", "m3/s", M3_S),
+    Known("speed_rpm", "rpm, 0 to 200000, never negative", 0.0, 2e5, (0.5, 0.1, 0.0005, 0.1),
+          "speed", "rpm", "rad/s", RAD_S),
     Known("supply_open", "0 or 1", 0.0, 1.0),
     Known("rotor_locked", "0 or 1", 0.0, 1.0),
-    Known("inlet_temperature_c", "degrees Celsius, -80 to 200", -80.0, 200.0, (0.2, 0.5, 0.0, 0.1)),
-    Known("torque_nm", "measured drive in N m", -HUGE, HUGE, (0.02, 0.02, 0.01, 0.01)),
-    Known("force_n", "measured drive in N", -HUGE, HUGE, (0.5, 0.5, 0.01, 0.1)),
-    Known("velocity_m_s", "m/s", -HUGE, HUGE, (0.002, 0.001, 0.002, 0.001)),
-    Known("angle_rad", "rad", -HUGE, HUGE, (0.002, 0.01, 0.0, 0.001)),
-)
+    Known("inlet_temperature_c", "degrees Celsius, -80 to 200", -80.0, 200.0, (0.2, 0.5, 0.0, 0.1),
+          "temperature", "degC", "degC"),
+    Known("torque_nm", "measured drive in N m", -HUGE, HUGE, (0.02, 0.02, 0.01, 0.01), "torque", "N m", "N m"),
+    Known("force_n", "measured drive in N", -HUGE, HUGE, (0.5, 0.5, 0.01, 0.1), "force", "N", "N"),
+    Known("velocity_m_s", "m/s", -HUGE, HUGE, (0.002, 0.001, 0.002, 0.001), "velocity", "m/s", "m/s"),
+    Known("angle_rad", "rad", -HUGE, HUGE, (0.002, 0.01, 0.0, 0.001), "angle", "rad", "rad"),
+)  # fmt: skip
 NUMERIC = {known.column: known for known in _ALL}
+OF_CHANNEL = {known.channel: known for known in reversed(_ALL) if known.channel}  # a pressure's: the absolute one
+IN_SI = {known.name_si: known for known in OF_CHANNEL.values()}
 MEASURED = tuple(known.column for known in _ALL if known.figures)
 NAMES = (*NUMERIC, "direction")
 
@@ -104,6 +128,11 @@ _CONVERT = {
     "angle": {"": "name the unit", "deg": "multiply by 0.0174533", "rev": "multiply by 6.28319"},
     "inlet_temperature": {"": "name the unit", "k": "subtract 273.15", "f": "subtract 32, then divide by 1.8"},
 }  # fmt: skip
+
+
+def quantity(channel: str) -> Known:
+    """What a channel is measured in; without a unit where no column holds such a quantity."""
+    return OF_CHANNEL.get(channel) or Known("", "", -HUGE, HUGE, None, channel, "", "")
 
 
 def pressure_in(columns: Container[str]) -> tuple[str, bool]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rig.recording.columns import OF_CHANNEL
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 from rig.runlog.lines import whole_lines
@@ -73,12 +74,9 @@ def columns_of(roles: Mapping[str, str | None]) -> dict[str, str]:
     `roles`: ``pressure``, ``flow``, ``speed``, ``temperature`` to ``device.channel``, as the bench file says.
     """
     pressure = roles.get("pressure") or ""
-    columns = {
-        "pressure": "pressure_bar_gauge" if pressure.endswith("_gauge") else "pressure_bar_abs",
-        "flow": "flow_l_min",
-        "speed": "speed_rpm",
-        "temperature": "inlet_temperature_c",
-    }
+    columns = {role: OF_CHANNEL[role].column for role in ("pressure", "flow", "speed", "temperature")}
+    if pressure.endswith("_gauge"):
+        columns["pressure"] = "pressure_bar_gauge"
     return {role: column for role, column in columns.items() if roles.get(role)}
 
 
