@@ -12,6 +12,7 @@ docs/recording.md tells a person how to write one.
     dates       when it was taken, in ISO 8601
     origin      of which run it is
     mistakes    so that one error names them all
+    safe_text   what came from outside, fit for a spreadsheet or for JSON
     files       a file is written whole or not at all; JSON
     folder      which files may be opened
     read, write

@@ -746,9 +746,9 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path, change, word):
 
 
 def test_text_that_a_spreadsheet_would_run_is_written_harmless(tmp_path):
-    read = read_recording(put(tmp_path / "bench", sweep=HEADER.strip() + ",note\n1.6,44,232,=cmd()\n1.8,54,313,-1.5\n"))
+    read = read_recording(put(tmp_path / "bench", sweep=HEADER.strip() + ",note\n1.6,44,232,=cmd()\n1.8,54,313,-1.5\n1.9,60,340, =1+1\n"))
     write_recording(read, tmp_path / "copy")
-    assert read_recording(tmp_path / "copy").files[0].extra["note"].tolist() == ["'=cmd()", "-1.5"]
+    assert read_recording(tmp_path / "copy").files[0].extra["note"].tolist() == ["'=cmd()", "-1.5", "' =1+1"]
 
 
 # Large files
