@@ -15,12 +15,12 @@ from rig.exchange.converted import Converted, convert
 from rig.exchange.export import NOTES
 from rig.exchange.mapping import FileTable, Mapping
 from rig.exchange.tables import Table, read_table
-from rig.exchange.units import unit_called
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
 from rig.recording.columns import FIGURES, MEASURED, NUMERIC, OF_CHANNEL
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
+from rig.recording.units import unit_called
 from rig.recording.write import PlaceError
 from rig.runlog.folder import RunError, sha256_of
 from rig.runlog.plateaus import PRESSURES, QUANTITIES

@@ -14,6 +14,7 @@ from collections.abc import Container
 from dataclasses import dataclass
 
 from configs.units import BAR, M3_S, RAD_S
+from rig.recording import units
 
 FIGURES = ("noise_sd", "bias_sd", "scale_sd", "resolution")
 HUGE = 1e12  # beyond it no column here has a physical meaning
@@ -73,61 +74,18 @@ IN_SI = {known.name_si: known for known in OF_CHANNEL.values()}
 MEASURED = tuple(known.column for known in _ALL if known.figures)
 NAMES = (*NUMERIC, "direction")
 
-# Quantity -> unit as people write it -> what to do with the numbers. The unit "" means that none was given.
-_CONVERT = {
-    "pressure": {
-        "": "name unit and reference",
-        "bar": "say whether it is absolute or gauge",
-        "pa": "divide by 100000",
-        "hpa": "divide by 1000",
-        "mbar": "divide by 1000",
-        "kpa": "divide by 100",
-        "mpa": "multiply by 10",
-        "psi": "multiply by 0.0689476",
-        "psia": "multiply by 0.0689476",
-        "psig": "multiply by 0.0689476",
-        "atm": "multiply by 1.01325",
-    },
-    "speed": {
-        "": "name the unit",
-        "rad_s": "multiply by 9.5493",
-        "hz": "multiply by 60",
-        "rps": "multiply by 60",
-        "rev_s": "multiply by 60",
-        "rev_min": "the numbers stay",
-        "1_min": "the numbers stay",
-        "deg_s": "divide by 6",
-        "krpm": "multiply by 1000",
-    },
-    "flow": {
-        "": "name the unit",
-        "lpm": "the numbers stay, if they are at the inlet's pressure and temperature",
-        "l_s": "multiply by 60",
-        "l_h": "divide by 60",
-        "ml_min": "divide by 1000",
-        "m3_h": "multiply by 16.6667",
-        "m3_min": "multiply by 1000",
-        "m3_s": "multiply by 60000",
-        "cfm": "multiply by 28.3168",
-        "kg_s": "divide by the air's density at the inlet, then multiply by 60000",
-        "kg_h": "divide by the air's density at the inlet, then multiply by 16.6667",
-        "g_s": "divide by the air's density at the inlet, then multiply by 60",
-        **dict.fromkeys(
-            ("nl_min", "sl_min", "ln_min", "slpm", "nlpm", "sccm"),
-            "bring standard litres to the inlet's pressure and temperature",
-        ),
-    },
-    "time": {"": "name the unit", "ms": "divide by 1000", "us": "divide by 1000000", "min": "multiply by 60",
-             "h": "multiply by 3600"},
-    "torque": {"": "name the unit", "nmm": "divide by 1000", "mnm": "divide by 1000", "ncm": "divide by 100",
-               "knm": "multiply by 1000", "lbft": "multiply by 1.35582"},
-    "force": {"": "name the unit", "kn": "multiply by 1000", "mn": "divide by 1000", "kgf": "multiply by 9.80665",
-              "lbf": "multiply by 4.44822"},
-    "velocity": {"": "name the unit", "mm_s": "divide by 1000", "cm_s": "divide by 100", "m_min": "divide by 60",
-                 "km_h": "divide by 3.6"},
-    "angle": {"": "name the unit", "deg": "multiply by 0.0174533", "rev": "multiply by 6.28319"},
-    "inlet_temperature": {"": "name the unit", "k": "subtract 273.15", "f": "subtract 32, then divide by 1.8"},
-}  # fmt: skip
+# Of the columns that are named by their quantity: units in which they come under another name.
+_FOREIGN = {
+    "pressure": "bar pa hpa mbar kpa mpa psi psia psig atm",
+    "speed": "rad_s hz rps rev_s rev_min 1_min deg_s krpm",
+    "flow": "lpm l_s l_h ml_min m3_h m3_min m3_s cfm kg_s kg_h g_s nl_min sl_min ln_min slpm nlpm sccm",
+    "time": "ms us min h",
+    "torque": "nmm mnm ncm knm lbft",
+    "force": "kn mn kgf lbf",
+    "velocity": "mm_s cm_s m_min km_h",
+    "angle": "deg rev",
+    "inlet_temperature": "k f",
+}
 
 
 def quantity(channel: str) -> Known:
@@ -144,7 +102,7 @@ def pressure_in(columns: Container[str]) -> tuple[str, bool]:
 def siblings(column: str) -> tuple[str, ...]:
     """The known columns of the same quantity as a column, under whatever name or unit it comes."""
     plain = _plain(column)
-    quantity = next((word for word in _CONVERT if plain == word or plain.startswith(f"{word}_")), None)
+    quantity = next((word for word in _FOREIGN if plain == word or plain.startswith(f"{word}_")), None)
     return tuple(name for name in NAMES if name.startswith(f"{quantity}_")) if quantity else (column,)
 
 
@@ -157,13 +115,25 @@ def other_spelling(name: str) -> tuple[str, str] | None:
     plain = _plain(name)
     if plain in NAMES:
         return plain, "the numbers stay"
-    for quantity, units in _CONVERT.items():
+    for quantity, foreign in _FOREIGN.items():
         if plain != quantity and not plain.startswith(f"{quantity}_"):
             continue
         unit, reference = _unit_and_reference(plain.removeprefix(quantity).strip("_"), quantity)
-        if unit in units:
-            return _expected(quantity, reference), units[unit]
+        if not unit or unit in foreign.split():
+            return _expected(quantity, reference), _advice(quantity, unit)
     return None
+
+
+def _advice(quantity: str, unit: str) -> str:
+    """What to do with the numbers of a quantity in a unit; where the name has none, to say it."""
+    is_pressure = quantity == "pressure"
+    if not unit:
+        return "name unit and reference" if is_pressure else "name the unit"
+    if is_pressure and unit == "bar":
+        return "say whether it is absolute or gauge"
+    held = {one for name in siblings(quantity) for one in units.QUANTITIES[name]}
+    known = units.unit_in_a_name(unit, held) or units.unit_in_a_name(f"{unit}_abs", held)
+    return units.advice(known) if known else "name the unit"
 
 
 def _plain(name: str) -> str:

@@ -12,9 +12,10 @@ from rig.exchange.cells import DAY_S, Cell
 from rig.exchange.guess.headings import INLET, Heading, read_heading
 from rig.exchange.guess.layout import DATE, TIME_OF_DAY
 from rig.exchange.guess.look import Key, Seen, Source
-from rig.exchange.units import DATED, UNITS, known_units
+from rig.exchange.units import known_units
 from rig.recording.columns import MEASURED
 from rig.recording.mistakes import shown
+from rig.recording.units import DATED, UNITS
 
 DIRECTIONS = {"up": ("up", "auf", "rising", "increasing", "steigend"), "down": ("down", "ab", "falling", "fallend")}
 EXCEL_DAYS = (20_000.0, 80_000.0)  # 1954 to 2119

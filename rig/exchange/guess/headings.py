@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from rig.exchange.units import PRESSURES, QUANTITIES, UNITS, unit_called
+from rig.recording.units import PRESSURES, QUANTITIES, UNITS, unit_called
 
 # Words, in lower case, that name a column; a word counts where it stands alone, and of four letters or more within one.
 WORDS = {
