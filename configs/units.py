@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 BAR = 1e5  # Pa
+STANDARD_BAR = 1.01325  # bar abs: of a room whose pressure nobody told
 ZERO_C = 273.15  # K
 RPM = 30.0 / math.pi  # rpm in one rad/s
 RAD_S = math.pi / 30.0  # rad/s in one rpm

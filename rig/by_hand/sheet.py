@@ -6,6 +6,7 @@ import csv
 import html
 import io
 
+from configs.units import STANDARD_BAR
 from rig.bench.bench import Bench
 from rig.by_hand.by_hand import manual_device
 from rig.plateaus.plan import Step, plan
@@ -37,7 +38,7 @@ def print_page(bench: Bench) -> str:
     """A sheet to be printed on A4 and filled in by hand, as HTML."""
     shown = {name: figures.unit for name, figures in bench.build(manual_device(bench)).channels.items()}
     heads = [html.escape(_words(column, shown)) for column in sheet_columns(bench)]
-    ambient_bar = bench.file.ambient.pressure_bar_abs or 1.01325
+    ambient_bar = bench.file.ambient.pressure_bar_abs or STANDARD_BAR
     rows = [_page_row("zero", "", len(heads))]
     for step in _steps(bench):
         level = f"{step.level_bar_abs:.2f} <small>({step.level_bar_abs - ambient_bar:.2f} gauge)</small>"

@@ -11,7 +11,7 @@ import re
 from collections.abc import Container
 from dataclasses import dataclass
 
-from configs.units import ZERO_C
+from configs.units import BAR, STANDARD_BAR, ZERO_C
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ _PRESSURE = {
     "Pa": 1e-5,
     "MPa": 10.0,
     "psi": 0.0689475729,
-    "atm": 1.01325,
+    "atm": STANDARD_BAR,
 }
 _FLOW = {
     "L/min": 1.0,
@@ -54,7 +54,7 @@ _STANDARD_FLOW = {
 DATED = {"Y-M-D h:m:s": (0, 1, 2), "D.M.Y h:m:s": (2, 1, 0), "M/D/Y h:m:s": (2, 0, 1)}  # places of year, month, day
 _KG_S = {"kg/s": 1.0, "g/s": 1e-3, "kg/min": 1.0 / 60.0, "g/min": 1e-3 / 60.0, "kg/h": 1.0 / 3600.0}
 # By the density of dry air at 0 degC and 1.01325 bar, which an import takes it as referred to.
-_MASS_FLOW = {name: factor * 6e4 * 287.05 * ZERO_C / 101_325.0 for name, factor in _KG_S.items()}
+_MASS_FLOW = {name: factor * 6e4 * 287.05 * ZERO_C / (STANDARD_BAR * BAR) for name, factor in _KG_S.items()}
 _OTHERS = {
     "speed": {"rpm": 1.0, "krpm": 1000.0, "rad/s": 30.0 / math.pi, "rev/s": 60.0, "deg/s": 1.0 / 6.0},
     "pulse rate": {"Hz": 60.0},
