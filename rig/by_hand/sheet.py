@@ -55,7 +55,7 @@ def print_page(bench: Bench) -> str:
             "Minutes that the motor has run today:",
         )
     )
-    return PAGE.format(
+    return SHEET_PAGE.format(
         title=html.escape(bench.file.title),
         blanks=blanks,
         heads="".join(f"<th>{head}</th>" for head in heads[:-1]) + '<th class="note">note</th>',
@@ -65,7 +65,7 @@ def print_page(bench: Bench) -> str:
     )
 
 
-PAGE = """<!doctype html>
+SHEET_PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
 <style>
 @page {{ size: A4; margin: 15mm }}

@@ -17,13 +17,13 @@ from rig.exchange.mapping import FileTable, Mapping
 from rig.exchange.tables import Table, read_table
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
-from rig.recording.columns import FIGURES, MEASURED, NUMERIC, OF_CHANNEL
+from rig.recording.columns import FIGURES, MEASURED, NUMERIC, OF_CHANNEL, PRESSURE, ROLES
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.recording.units import unit_called
 from rig.recording.write import PlaceError
 from rig.runlog.folder import RunError, sha256_of
-from rig.runlog.plateaus import PRESSURES, QUANTITIES
+from rig.runlog.plateaus import QUANTITIES
 from rig.runlog.rows import utc_text
 from rig.runlog.schema import CAPTURE, ZERO, AmbientRecord, ChannelRecord, ClockRecord, DeviceRecord, StartRecord
 from rig.runlog.start import source, versions
@@ -31,7 +31,7 @@ from rig.runlog.writer import RunWriter
 
 DEVICE = "import"
 SAMPLED = (*QUANTITIES, "supply_open")
-ROLES = {role: OF_CHANNEL[role].column for role in ("flow", "speed", "temperature")}
+COLUMN_OF = {role: OF_CHANNEL[role].column for role in ROLES if role != "pressure"}
 
 
 Tell = Callable[[str], None]
@@ -226,8 +226,8 @@ def _channel(mapping: Mapping, name: str) -> Channel:
 def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
     file = mapping.file
     now_ns = time.time_ns()
-    pressure = next((name for name in PRESSURES if name in columns), None)
-    roles = {role: f"{DEVICE}.{name}" if name in columns else None for role, name in ROLES.items()}
+    pressure = next((name for name in PRESSURE if name in columns), None)
+    roles = {role: f"{DEVICE}.{name}" if name in columns else None for role, name in COLUMN_OF.items()}
     channels = {
         name: ChannelRecord(unit=NUMERIC[name].unit, **{key: getattr(file.columns[name], key) for key in FIGURES})
         for name in SAMPLED

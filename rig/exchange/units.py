@@ -6,7 +6,7 @@ import difflib
 import math
 
 from rig.recording.mistakes import shown
-from rig.recording.units import PRESSURES, QUANTITIES, UNITS, Unit, unit_called
+from rig.recording.units import PRESSURE_UNITS, QUANTITIES_OF, UNITS, Unit, unit_called
 from rig.runlog.folder import RunError
 
 INTEGRALS = {"velocity_m_s": "length", "speed_rpm": "angle"}  # of what the column is the rate of change
@@ -24,7 +24,7 @@ MOLAR_MASS = {
 
 def known_units(column: str, differentiate: bool = False) -> list[str]:
     """The units that a column may come in. `differentiate`: whether it is made from a length or an angle."""
-    quantities = (INTEGRALS.get(column, ""),) if differentiate else QUANTITIES[column]
+    quantities = (INTEGRALS.get(column, ""),) if differentiate else QUANTITIES_OF[column]
     return [name for name, unit in UNITS.items() if unit.quantity in quantities]
 
 
@@ -45,7 +45,7 @@ def unit_of(column: str, name: str, differentiate: bool = False) -> Unit:
         return Unit(unit.quantity, unit.factor * _RPM) if differentiate and column == "speed_rpm" else unit
     called = name if name in UNITS else unit_called(name) or next(iter(difflib.get_close_matches(name, known, 1)), "")
     said = f"'{shown(name)}'"
-    if called in PRESSURES:
+    if called in PRESSURE_UNITS:
         raise RunError(f"the unit {said} does not say absolute or gauge; write '{called} abs' or '{called} gauge'")
     if called and called not in known:
         said += f", read as '{called}'," * (called != name)

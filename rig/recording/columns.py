@@ -49,6 +49,7 @@ class Known:
 
 PRESSURE = ("pressure_bar_abs", "pressure_bar_gauge")
 FLAGS = ("supply_open", "rotor_locked")
+ROLES = ("pressure", "flow", "speed", "temperature")  # channels that a bench may have
 
 _GAUGE, _BAR = (0.005, 0.02, 0.005, 0.01), ("pressure", "bar", "Pa", BAR)
 _ALL = (
@@ -131,7 +132,7 @@ def _advice(quantity: str, unit: str) -> str:
         return "name unit and reference" if is_pressure else "name the unit"
     if is_pressure and unit == "bar":
         return "say whether it is absolute or gauge"
-    held = {one for name in siblings(quantity) for one in units.QUANTITIES[name]}
+    held = {one for name in siblings(quantity) for one in units.QUANTITIES_OF[name]}
     known = units.unit_in_a_name(unit, held) or units.unit_in_a_name(f"{unit}_abs", held)
     return units.advice(known) if known else "name the unit"
 

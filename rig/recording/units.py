@@ -81,7 +81,7 @@ UNITS = {
 }
 
 
-QUANTITIES = {  # that a column may come in
+QUANTITIES_OF = {  # that a column may come in
     "time_s": ("time", "time of day"),
     "pressure_bar_abs": ("absolute pressure",),
     "pressure_bar_gauge": ("gauge pressure",),
@@ -127,7 +127,7 @@ _SAME = {
 }
 _ABS = ("abs", "(abs)", "a", "(a)", "absolute")
 _GAUGE = ("gauge", "(gauge)", "g", "(g)", "rel", "(rel)", "ü", "relative")
-PRESSURES = {name.removesuffix(" abs") for name in UNITS if name.endswith(" abs")}
+PRESSURE_UNITS = {name.removesuffix(" abs") for name in UNITS if name.endswith(" abs")}
 
 
 def _compact(text: str) -> str:
@@ -138,7 +138,7 @@ def _aliases() -> dict[str, str]:
     """Every way to write a unit, without spaces: the known unit, or a pressure that says neither absolute nor gauge."""
     known = {_compact(name): name for name in UNITS if name != "words"}
     known |= {_compact(other): name for name, others in _SAME.items() for other in others}
-    for name in PRESSURES:
+    for name in PRESSURE_UNITS:
         known |= {name: name} | {_compact(name + end): f"{name} abs" for end in _ABS}
         known |= {_compact(name + end): f"{name} gauge" for end in _GAUGE}
     return known

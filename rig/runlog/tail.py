@@ -10,6 +10,7 @@ from typing import Any
 from rig.acquisition.derived import CHANNEL as DERIVED_CHANNEL
 from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
 from rig.readings import NS, USABLE, Reading
+from rig.recording.columns import ROLES
 from rig.runlog import plateaus
 from rig.runlog.folder import END, EVENTS, PLATEAUS, SAMPLES, is_locked
 from rig.runlog.lines import whole_lines
@@ -67,7 +68,6 @@ class Bins:
 BLOCK_BYTES = 1 << 18
 KEPT_EVENTS = 400
 MOST_PLATEAUS = 2000
-ROLES = ("pressure", "flow", "speed", "temperature")
 CHECK, CHECK_FAILED, STATE, SET_POINT = "model check", "model check failed", "state", "set-point"
 LATEST = (CHECK, CHECK_FAILED, STATE, SET_POINT, COURSE, EXPECTED, ZERO, CAPTURE)  # of each kind the last is kept
 ALARMS = ("warning", "level refused", "set-point not taken", "capture failed", CHECK_FAILED, "line lost")
