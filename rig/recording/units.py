@@ -37,19 +37,19 @@ _FLOW = {
     "L/min": 1.0,
     "L/s": 60.0,
     "L/h": 1.0 / 60.0,
-    "mL/min": 1e-3,
     "m3/h": 1000.0 / 60.0,
     "m3/min": 1000.0,
     "m3/s": 60_000.0,
     "cfm": 28.316846592,
+    "mL/min": 1e-3,
 }
 _STANDARD_FLOW = {
     "sL/min": 1.0,
     "NL/min": 1.0,
     "Nm3/h": 1000.0 / 60.0,
     "sm3/h": 1000.0 / 60.0,
-    "sccm": 1e-3,
     "scfm": 28.316846592,
+    "sccm": 1e-3,
 }
 DATED = {"Y-M-D h:m:s": (0, 1, 2), "D.M.Y h:m:s": (2, 1, 0), "M/D/Y h:m:s": (2, 0, 1)}  # places of year, month, day
 _KG_S = {"kg/s": 1.0, "g/s": 1e-3, "kg/min": 1.0 / 60.0, "g/min": 1e-3 / 60.0, "kg/h": 1.0 / 3600.0}
