@@ -31,6 +31,7 @@ from calibration.work.threads import threads
 from configs.units import BAR, ZERO_C
 from model.motor import Motor, read_motor, set_values
 from rig.recording import Ambient, Column, Recording, RecordingFile
+from rig.recording.columns import OF_CHANNEL
 
 MOST_PLACES = 2  # that are told
 MOST_BAD = 0.25  # share of a channel's readings that may be taken for bad: more are no exceptions
@@ -145,8 +146,7 @@ def as_fitted(
     """
     if motor is not None:
         recording = replace(recording, ambient=_ambient_of(motor, recording.ambient), added_inertia_kg_m2=0.0)
-    columns = {"flow_l_min": "flow", "speed_rpm": "speed"}
-    left_out = {column for column, channel in columns.items() if channel not in channels}
+    left_out = {OF_CHANNEL[channel].column for channel in ("flow", "speed") if channel not in channels}
     return replace(
         recording,
         channels={name: figures for name, figures in recording.channels.items() if name not in left_out},

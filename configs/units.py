@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 BAR = 1e5  # Pa
+STANDARD_BAR = 1.01325  # bar abs: of a room whose pressure nobody told
 ZERO_C = 273.15  # K
 RPM = 30.0 / math.pi  # rpm in one rad/s
 RAD_S = math.pi / 30.0  # rad/s in one rpm
@@ -20,7 +21,7 @@ IN_BAR = {
     "Pa": 1e-5,
     "MPa": 10.0,
     "psi": 0.0689475729,
-    "atm": 1.01325,
+    "atm": STANDARD_BAR,
 }
 IN_L_MIN = {
     "L/min": 1.0,
@@ -30,6 +31,7 @@ IN_L_MIN = {
     "m3/min": 1000.0,
     "m3/s": 60_000.0,
     "cfm": 28.316846592,
+    "mL/min": 1e-3,
 }
 IN_RPM = {"rpm": 1.0, "krpm": 1000.0, "rad/s": RPM, "rev/s": 60.0, "deg/s": 1.0 / 6.0}
 

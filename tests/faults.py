@@ -25,7 +25,7 @@ from rig.acquisition.worker import Worker
 from rig.bench.bench import Bench, bench_of
 from rig.readings import NS, Exchange, Reading
 from rig.recording.files import write_file
-from rig.virtual.devices.faults import KINDS, MODBUS, NUMBERS, ONCE
+from rig.virtual.devices.faults import FAULT_KINDS, MODBUS, NUMBERS, ONCE
 from rig.virtual.launch import port_for
 from rig.virtual.plant.truth import LineTruth
 from tests.virtual_benches import FLOW, ROLES, Served, serving
@@ -140,7 +140,7 @@ def off_rpm(reading: Reading, line: str) -> float:
 
 def cells() -> list[tuple[str, str]]:
     """Line and fault of every cell; each line also without any fault, and with answers later than the slowest."""
-    kinds = ["none", *KINDS, "very_late"]
+    kinds = ["none", *FAULT_KINDS, "very_late"]
     not_on = {"rtu": {*NUMBERS}, "tcp": set(), "text": {*MODBUS, *NUMBERS}, "frames": {*MODBUS, *NUMBERS, "echo"}}
     return [(line, kind) for line in LINES for kind in kinds if kind not in not_on[line]]
 

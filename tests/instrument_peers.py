@@ -69,7 +69,7 @@ def lutron_bytes(frame, decimals):
     """A frame of a Lutron meter."""
     digits = round(abs(frame.value) * 10**decimals)
     text = f"4{frame.display}{frame.unit_code}{int(frame.value < 0.0)}{decimals}{digits:08d}"
-    return bytes([lutron.START]) + text.encode("ascii") + bytes([lutron.END])
+    return bytes([lutron.FIRST_BYTE]) + text.encode("ascii") + bytes([lutron.LAST_BYTE])
 
 
 def edge_bytes(frame):

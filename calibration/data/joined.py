@@ -111,4 +111,4 @@ def names_of(recordings: Sequence[Recording]) -> list[str]:
 def _end(file: RecordingFile) -> float:
     time = file.columns.get("time_s")
     known = time.values[np.isfinite(time.values)] if time is not None else np.empty(0)
-    return file.start_s + (float(known[-1]) if known.size else float(file.rows))
+    return file.start_s + (float(known[-1]) if known.size else 0.0)

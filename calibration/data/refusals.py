@@ -18,6 +18,7 @@ from model.motor import Motor, read_motor
 from model.solvers import steady
 from rig.recording import Recording, RecordingError
 from rig.recording.columns import PRESSURE, pressure_in
+from rig.recording.units import UNITS, times
 
 FULL = 0.9  # share of the swept volume that a turn takes in, measured on this motor; beside a leak up to 1.5
 MOST_OFF = 3.0  # factor on flow over speed that no leak and no wrong meter makes
@@ -26,15 +27,22 @@ ANGLES = 361  # of one lobe
 ALIKE = 1.35  # factor within which flow over speed is what a mix-up of units makes it
 # What flow over speed is multiplied by where a column holds another unit than its name says; the nearest is said.
 MIX_UPS = {
-    9.5493: "speeds in rad/s under speed_rpm; multiply them by 9.5493",
+    UNITS[unit].factor: f"speeds in {text} under speed_rpm; {times(UNITS[unit].factor, 'them ')}"
+    for unit, text in (("rad/s", "rad/s"), ("deg/s", "degrees a second"))
+}
+MIX_UPS |= {
+    1.0 / UNITS[unit].factor: f"flows in {text} under flow_l_min; {times(UNITS[unit].factor, 'them ')}"
+    for unit, text in (
+        ("mL/min", "mL/min"),
+        ("m3/h", "m3/h"),
+        ("cfm", "cubic feet a minute"),
+        ("m3/min", "m3/min"),
+        ("m3/s", "m3/s"),
+    )
+}
+MIX_UPS |= {
     60.0: "speeds in Hz (turns a second) under speed_rpm, which is to be multiplied by 60, or flows in L/h",
-    1.0 / 6.0: "speeds in degrees a second under speed_rpm; divide them by 6",
-    1000.0: "flows in mL/min under flow_l_min; divide them by 1000",
     1.0 / 60.0: "flows in L/s under flow_l_min, which is to be multiplied by 60, or pulses of 60 a turn for turns",
-    60.0 / 1000.0: "flows in m3/h under flow_l_min; multiply them by 16.667",
-    1.0 / 28.317: "flows in cubic feet a minute under flow_l_min; multiply them by 28.317",
-    1.0 / 1000.0: "flows in m3/min under flow_l_min; multiply them by 1000",
-    1.0 / 60_000.0: "flows in m3/s under flow_l_min; multiply them by 60000",
 }
 # Share of a run's highest speed by which it may go the wrong way: fall while the supply is open, or rise while it is
 # closed. A regulator that overshoots, and a valve that is late, make 0.1 of it.

@@ -10,11 +10,12 @@ import numpy as np
 from calibration.data.dates import as_text
 from calibration.diagnosis import changes
 from calibration.diagnosis.changes import Answer, Moved
-from calibration.diagnosis.document import finite, next_tests_as_json
+from calibration.diagnosis.document import next_tests_as_json
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.systems.several.sharing import OF_THE_MOTOR_CHANGED
 from calibration.unknowns.effects import changed, unchanged
+from rig.recording.safe_text import finite
 
 FORMAT = "comparison/1"
 MOST_SETS = 12

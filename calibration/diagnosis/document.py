@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -19,6 +19,7 @@ from calibration.diagnosis.steps.confirm import HeldOut, Predicted
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
 from calibration.diagnosis.steps.verdict import Verdict
 from calibration.unknowns.priors import Unknown
+from rig.recording.safe_text import finite
 
 FORMAT = "diagnosis/1"
 Q95 = 1.6448536269514722  # of a standard normal
@@ -66,17 +67,6 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "files": found.comparison.rows_used(),
     }
     return finite(document | of_a_machine(found) if found.comparison.rig else document)
-
-
-def finite(value: Any) -> Any:
-    """A document without a number that JSON has no word for: null in its place."""
-    if isinstance(value, Mapping):
-        return {key: finite(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(one) for one in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def set_probability(verdict: Verdict) -> float:

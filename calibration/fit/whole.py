@@ -27,13 +27,13 @@ from calibration.work.side_by_side import SideBySide
 from calibration.work.threads import each, threads
 from model.motor import Motor
 from rig.recording import Recording
+from rig.recording.columns import OF_CHANNEL
 
 LEVELS = (0.05, 0.16, 0.50, 0.84, 0.95)  # quantiles of the 90 % and 68 % bands, and the median
 BANDS_DRAWS = 200  # of the posterior
 NOISE_DRAWS = 5  # about each
 STAND_IN = Settings(effective_samples=2000, most_steps=2000, walkers=144, times_tau=10.0, warm_up_blocks=4, block=10)
 WALKERS, BLOCK, TIMES_TAU = 16, 5, 10.0  # independent proposals forget at once: short chains tell how long is enough
-COLUMN = {"flow": "flow_l_min", "speed": "speed_rpm"}
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def _expected(
     bands = np.quantile(np.array(readings), LEVELS, axis=0)
     bad = np.mean([point.bad for point in points], axis=0)
     suspects = [
-        SuspectRow(row.file, row.row, COLUMN[row.channel], float(bad[i]))
+        SuspectRow(row.file, row.row, OF_CHANNEL[row.channel].column, float(bad[i]))
         for i, row in enumerate(comparison.rows)
         if bad[i] > posterior.SUSPECT
     ]

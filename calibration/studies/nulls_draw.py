@@ -16,10 +16,10 @@ import numpy as np
 from scipy.signal import lfilter
 
 from calibration.data.runs_in_time import placeholders
-from calibration.systems.radial_piston.predict.nuisances import SI_OF
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from calibration.unknowns import priors
 from calibration.unknowns.priors import CHANNELS, OfRun
+from configs.units import BAR
 from model.effects.effect import unknown_state
 from model.effects.laws import readings_of
 from model.effects.transient import simulate
@@ -27,12 +27,12 @@ from model.geometry import pulse_angle
 from model.solvers.crank_angle import THETA
 from model.solvers.transient import rest_state
 from rig.recording import Ambient, Channel, Column, Recording, RecordingFile
+from rig.recording.columns import OF_CHANNEL
 
 NOISES = ("declared", "misdeclared", "correlated", "coarse", "heavy")
 MISDECLARED = 0.3  # one sd of the logarithm of the factor by which a channel's noise is off
 CORRELATION = 0.5  # of successive rows
 DEGREES = 4  # of freedom of the heavy tails
-COLUMN_OF = {"pressure": "pressure_bar_abs", "flow": "flow_l_min", "speed": "speed_rpm"}
 INSTRUMENTS = {
     "pressure_bar_abs": Channel("pressure_bar_abs", noise_sd=0.0015, bias_sd=0.005, scale_sd=0.002, resolution=0.001),
     "flow_l_min": Channel("flow_l_min", noise_sd=0.8, bias_sd=0.5, scale_sd=0.02, resolution=0.5),
@@ -130,15 +130,15 @@ def _read(
             raise ArithmeticError(
                 f"{file.file}: the model gives no {channel} at {int(np.sum(~np.isfinite(without)))} rows"
             )
-        figures = nominal.channels[COLUMN_OF[channel]]
+        figures = nominal.channels[OF_CHANNEL[channel].column]
         sd = figures.noise_sd * file.noise_scale * factor[channel]
-        shown = without / SI_OF[channel] + sd * unit_noise(noise, file.rows, rng)
+        shown = without / OF_CHANNEL[channel].to_si + sd * unit_noise(noise, file.rows, rng)
         shown = np.round(shown / figures.resolution) * figures.resolution
         censor = np.zeros(file.rows, dtype=np.int8)
         if channel == "speed":
             censor[shown <= 0.0] = -1
             shown = np.maximum(shown, 0.0)
-        columns[COLUMN_OF[channel]] = Column(shown, censor)
+        columns[OF_CHANNEL[channel].column] = Column(shown, censor)
     return replace(file, columns=columns)
 
 
@@ -147,7 +147,7 @@ def _without_noise(
 ) -> dict[str, np.ndarray]:
     """What the instruments would show of a file, but for noise and rounding, by channel [SI]."""
     if file.kind == "steady":
-        pressure = file.columns[COLUMN_OF["pressure"]].values * SI_OF["pressure"]
+        pressure = file.columns["pressure_bar_abs"].values * BAR
         return {"pressure": pressure, "flow": exact.flow, "speed": exact.speed}
     i = [run.file for run in problem.blocks.runs].index(file.file)
     return {"pressure": lines[file.file], "speed": exact.runs[i]}

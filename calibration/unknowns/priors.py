@@ -18,6 +18,7 @@ from scipy.special import ndtr, ndtri
 from configs.units import BAR, ZERO_C
 from model.motor import QUANTITIES, Motor
 from rig.recording import Channel, Recording
+from rig.recording.columns import NUMERIC
 
 NOISE_FACTOR = 1.35  # one standard deviation (log-normal 0.3) of how far a declared noise figure may be off
 NOISE_SD = math.log(NOISE_FACTOR)
@@ -156,8 +157,8 @@ def unknowns(motor: Motor, recording: Recording) -> list[Unknown]:
         column = column_of(recording, channel)
         if column is None:
             continue
-        figures, unit = recording.channels[column], {"pressure": "bar", "flow": "L/min", "speed": "rpm"}[channel]
-        found += off(channel, column, figures.bias_sd, unit, figures.scale_sd)
+        figures = recording.channels[column]
+        found += off(channel, column, figures.bias_sd, NUMERIC[column].unit, figures.scale_sd)
         if figures.noise_sd > 0.0:
             found.append(noise_scale(channel, "a declared noise figure is uncertain by a factor 1.35"))
     return found
@@ -199,8 +200,7 @@ def at_ambient(motor: Motor, recording: Recording) -> Motor:
 
 def column_of(recording: Recording, channel: str) -> str | None:
     """The recording's column of a channel (pressure, flow, speed), or None where it has none."""
-    starts = {"pressure": "pressure_bar_", "flow": "flow_l_min", "speed": "speed_rpm"}[channel]
-    return next((column for column in recording.channels if column.startswith(starts)), None)
+    return next((column for column in recording.channels if NUMERIC[column].channel == channel), None)
 
 
 def figures_of(recording: Recording, one: Unknown) -> Channel | None:

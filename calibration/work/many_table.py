@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calibration.work.many import Result
+from rig.recording.safe_text import harmless
 
 PLACE = ("balance", "channel", "coordinate")
 FIGURES = ("mean", "sd", "q05", "q95")
@@ -122,5 +123,5 @@ def cell(value: Any) -> str:
         return cell((" or " if any(isinstance(one, list) for one in value) else " + ").join(inner))
     if isinstance(value, str):
         line = "".join(c if c.isprintable() else " " for c in value)[:MOST_TEXT]
-        return f"'{line}" if line.startswith(("=", "+", "-", "@")) else line
+        return harmless(line)
     return str(value)

@@ -16,8 +16,7 @@ from rig.bench.bench import Bench, LineTable
 from rig.clock import Clock
 from rig.lines import LineError, NoReplyError, Port
 from rig.readings import NS, Exchange, Reading
-
-ROLES = ("pressure", "flow", "speed", "temperature")
+from rig.recording.columns import ROLES
 
 
 class Acquisition:

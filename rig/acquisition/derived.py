@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from configs.units import ZERO_C
+from configs.units import STANDARD_BAR, ZERO_C
 from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile, Reference
 from rig.readings import NS, Quality, Reading
@@ -56,7 +56,7 @@ class InletFlow:
 
     def __init__(self, bench: Bench, ambient_bar: float | None = None, ambient_c: float | None = None) -> None:
         ambient = bench.file.ambient
-        self.ambient_bar = ambient_bar or ambient.pressure_bar_abs or 1.01325
+        self.ambient_bar = ambient_bar or ambient.pressure_bar_abs or STANDARD_BAR
         self.ambient_sd_bar = ambient.pressure_sd_bar
         chosen_c = ambient_c if ambient_c is not None else ambient.temperature_c
         self.ambient_c = 20.0 if chosen_c is None else chosen_c

@@ -29,7 +29,7 @@ from rig.sweep.hooks import Hooks, gauge_sd_of
 from rig.sweep.orders import ABORTED, FINISHED, INTERLOCK, OPERATOR
 from rig.sweep.runner import Outcome, PlateauSink
 
-CLOSED = "Is it closed, and the line vented?"
+CLOSED_QUESTION = "Is it closed, and the line vented?"
 MOST_ENTRIES = 10  # of one plateau, while agreement is waited for
 
 
@@ -273,7 +273,7 @@ class ManualSweep:
         more = "; undo: the last plateau again" if may_undo else ""
         while True:
             try:
-                answer = self.person.ask(f"  {CLOSED} (Enter for yes{more}) ")
+                answer = self.person.ask(f"  {CLOSED_QUESTION} (Enter for yes{more}) ")
             except (EndedError, StoppedError):
                 self._event("unvented", text="nobody has said that the valve is closed")
                 return False

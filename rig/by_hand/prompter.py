@@ -15,9 +15,8 @@ from rig.runlog.schema import ROOM
 from rig.sweep import ambient as room
 from rig.sweep.course import Course
 from rig.sweep.orders import Trip
-from rig.sweep.runner import BenchView
+from rig.sweep.runner import COMMAND_REAL_S, BenchView
 
-COMMAND_REAL_S = 5.0
 PRESSURE_NOW = "pressure now?"
 RECORDED_REAL_S = 2.0  # in which a reading is in the log
 

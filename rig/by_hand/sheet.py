@@ -7,6 +7,7 @@ import html
 import io
 from collections.abc import Mapping
 
+from configs.units import STANDARD_BAR
 from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile
 from rig.by_hand.by_hand import faces_of, on_the_dial
@@ -42,7 +43,7 @@ def print_page(bench: Bench) -> str:
     """A sheet to be printed on A4 and filled in by hand, as HTML."""
     faces = faces_of(bench)
     heads = [html.escape(_words(column, faces)) for column in sheet_columns(bench)]
-    ambient_bar = bench.file.ambient.pressure_bar_abs or 1.01325
+    ambient_bar = bench.file.ambient.pressure_bar_abs or STANDARD_BAR
     rows = [_page_row("zero", "", len(heads))]
     for step in _steps(bench):
         dial = on_the_dial(bench, step.level_bar_abs, ambient_bar)
@@ -61,7 +62,7 @@ def print_page(bench: Bench) -> str:
             "Minutes that the motor has run today:",
         )
     )
-    return PAGE.format(
+    return SHEET_PAGE.format(
         title=html.escape(bench.file.title),
         blanks=blanks,
         heads="".join(f"<th>{head}</th>" for head in heads[:-1]) + '<th class="note">note</th>',
@@ -71,7 +72,7 @@ def print_page(bench: Bench) -> str:
     )
 
 
-PAGE = """<!doctype html>
+SHEET_PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
 <style>
 @page {{ size: A4; margin: 15mm }}

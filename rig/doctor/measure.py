@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.bench.instrument import ChannelFile, Instrument
 from rig.doctor.finding import Finding, Level, printable
-from rig.instruments.codecs.registers import ORDERS
+from rig.instruments.codecs.registers import WORD_ORDERS
 from rig.instruments.modbus import ModbusDevice
 from rig.lines import Line, LineError, LostError
 from rig.readings import NS
@@ -18,7 +18,7 @@ from rig.readings import NS
 LONGEST_GAP_S = 0.1  # real time between two polls
 MOST_FAILURES = 3  # in a row; then it is known
 TIGHT = 0.7  # share of the timeout that the slow replies may take
-BUSY = 0.8  # share of a line's time that may be taken
+BUSY_SHARE = 0.8  # share of a line's time that may be taken
 BELOW_ALL = 1e-9
 MOST = 1e30  # no instrument's number lies beyond; those of bytes in a wrong order often do
 LEAST = 1e-12  # share of the scale: what is less, and not 0, is often one of these too
@@ -121,7 +121,7 @@ def of_line(where: str, taken: dict[str, tuple[float, float]]) -> list[Finding]:
         return [
             Finding(Level.FAULT, where, what, "raise period_s, raise the baud rate, or put a device on its own line")
         ]
-    if share > BUSY:
+    if share > BUSY_SHARE:
         return [Finding(Level.WARNING, where, what, "raise period_s: one retry and a poll is late")]
     return [Finding(Level.OK, where, what)] if taken else []
 
@@ -145,7 +145,9 @@ def of_orders(line: Line, device: str, driver: Instrument) -> list[Finding]:
     if level is Level.OK:
         return [Finding(level, device, what)]
     likely = [order for order, value in shown.values.items() if _level(value, channel) is Level.OK]
-    keys = " or ".join('word_order = "{}" and byte_order = "{}" ({})'.format(*ORDERS[order], order) for order in likely)
+    keys = " or ".join(
+        'word_order = "{}" and byte_order = "{}" ({})'.format(*WORD_ORDERS[order], order) for order in likely
+    )
     fix = f"if one of these is what the device shows, write {keys}" if keys else "compare its address and type with"
     where = f"at channels.{shown.channel} in the instrument file" if keys else "the device's manual"
     return [Finding(level, device, f"{what}, which is no reading on its scale", f"{fix} {where}")]

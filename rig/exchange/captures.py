@@ -10,16 +10,16 @@ import numpy as np
 from rig.exchange.figures import Figures
 from rig.readings import NS
 from rig.recording import Column, RecordingFile
+from rig.recording.columns import PRESSURE
 from rig.runlog.phases import Phase, Series, captures, series
-from rig.runlog.plateaus import PRESSURES
 from rig.runlog.reader import Run
+from rig.sweep.judge import VENTED_WITHIN_BAR
 
 GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
 SLOWER, LATE_S = 4.0, 0.05  # times the usual exchange, and no less, from which on a reply came late
 UNASKED = 2.5  # times the usual pause between two readings, after which a held value may have been shown for long
 BEFORE = 4.0  # updates of a gauge before a capture, in which it has most likely shown another value
 SAME = 1e-6  # share within which two ways to a speed give the same
-VENTED_WITHIN_BAR = 0.05  # a gauge's own offset is less
 
 
 def transients(run: Run, channels: dict[str, str], figures: Figures, notes: list[str]) -> list[RecordingFile]:
@@ -36,14 +36,14 @@ def transients(run: Run, channels: dict[str, str], figures: Figures, notes: list
             for column, channel in channels.items()
             if column != "inlet_temperature_c"
         }
-        for column in (one for one in PRESSURES if one in read):
+        for column in (one for one in PRESSURE if one in read):
             read[column], late = _of_known_moment(run, channels[column], phase, read[column])
             if late:
                 notes.append(f"{name}, {column}: {late} readings left out, their replies came late")
         if "speed_rpm" in read:
             read["speed_rpm"] = _since_before(run, channels["speed_rpm"], phase, read["speed_rpm"])
         sampled = {column for column, found in read.items() if found.value.size}
-        if not sampled & set(PRESSURES) or not sampled & {"speed_rpm", "flow_l_min"}:
+        if not sampled & set(PRESSURE) or not sampled & {"speed_rpm", "flow_l_min"}:
             notes.append(f"{phase.kind} from {phase.start_s:.1f} s: left out, no pressure, or neither speed nor flow")
             continue
         files.append(_transient(name, phase, {column: read[column] for column in read if column in sampled}, figures))
@@ -126,7 +126,7 @@ def _since_before(run: Run, channel: str, phase: Phase, found: Series) -> Series
 def _remarks(run: Run, phase: Phase, read: dict[str, Series]) -> list[str]:
     """What a person should know of a capture: where it ends early, and where its pressure is not known."""
     found = ["the run ended within this capture"] if phase.cut_short else []
-    column = next((name for name in PRESSURES if name in read and read[name].value.size), None)
+    column = next((name for name in PRESSURE if name in read and read[name].value.size), None)
     if column is None:
         return found
     pressure = read[column]

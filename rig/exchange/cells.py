@@ -8,8 +8,8 @@ import re
 from collections.abc import Callable
 
 from rig.exchange.mapping import TableTable
-from rig.exchange.units import DATED
 from rig.readings import scpi_number
+from rig.recording.units import DATED
 
 DAY_S = 86_400.0
 _NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from configs.units import ZERO_C
+from configs.units import STANDARD_BAR, ZERO_C
 from rig.exchange.cells import DAY_S, Cell
 from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, RotameterTable, StandardTable
 from rig.exchange.tables import Table
@@ -21,7 +21,7 @@ from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
 
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
-NORMAL = StandardTable(pressure_bar_abs=1.01325, temperature_c=0.0)  # that `units` refers a flow of mass to
+NORMAL = StandardTable(pressure_bar_abs=STANDARD_BAR, temperature_c=0.0)  # that `units` refers a flow of mass to
 ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read
 _HELD = ("time_s", "supply_open", "rotor_locked", "angle_rad")  # of averaged rows the last is taken
 

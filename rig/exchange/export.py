@@ -16,11 +16,12 @@ from rig.exchange.captures import column_of, transients
 from rig.exchange.figures import Figures
 from rig.readings import NS
 from rig.recording import Ambient, Recording, RecordingFile, SupplyFigures, write_recording
+from rig.recording.columns import PRESSURE
 from rig.recording.origin import of_run
 from rig.recording.schema import MOST_TEXT, SupplyTable
 from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of
 from rig.runlog.phases import DERIVED_DEVICE, Phase, quantity_channels, series, zeros
-from rig.runlog.plateaus import PRESSURES, Mean, PlateauRow
+from rig.runlog.plateaus import Mean, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN, Run
 from rig.runlog.schema import ROOM, AmbientRecord
 
@@ -128,7 +129,7 @@ def _chosen(run: Run, unsettled: bool, notes: list[str]) -> list[PlateauRow]:
     chosen = []
     for plateau in run.plateaus:
         found = set(plateau.means)
-        if not found & set(PRESSURES) or not found & {"speed_rpm", "flow_l_min"}:
+        if not found & set(PRESSURE) or not found & {"speed_rpm", "flow_l_min"}:
             notes.append(f"plateau {plateau.n}: left out, no pressure, or neither speed nor flow")
         elif "speed_rpm" in found and _stood(plateau.means["speed_rpm"]):
             notes.append(

@@ -15,30 +15,23 @@ from rig.exchange.converted import Converted, convert
 from rig.exchange.export import NOTES
 from rig.exchange.mapping import FileTable, Mapping
 from rig.exchange.tables import Table, read_table
-from rig.exchange.units import unit_called
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
-from rig.recording.columns import FIGURES, MEASURED
+from rig.recording.columns import FIGURES, MEASURED, NUMERIC, OF_CHANNEL, PRESSURE, ROLES
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
+from rig.recording.units import unit_called
 from rig.recording.write import PlaceError
 from rig.runlog.folder import RunError, sha256_of
-from rig.runlog.plateaus import PRESSURES, QUANTITIES
+from rig.runlog.plateaus import QUANTITIES
 from rig.runlog.rows import utc_text
 from rig.runlog.schema import CAPTURE, ZERO, AmbientRecord, ChannelRecord, ClockRecord, DeviceRecord, StartRecord
 from rig.runlog.start import source, versions
 from rig.runlog.writer import RunWriter
 
 DEVICE = "import"
-UNITS = {
-    "pressure_bar_abs": "bar",
-    "pressure_bar_gauge": "bar",
-    "flow_l_min": "L/min",
-    "speed_rpm": "rpm",
-    "inlet_temperature_c": "degC",
-    "supply_open": "1",
-}
-ROLES = {"flow": "flow_l_min", "speed": "speed_rpm", "temperature": "inlet_temperature_c"}
+SAMPLED = (*QUANTITIES, "supply_open")
+COLUMN_OF = {role: OF_CHANNEL[role].column for role in ROLES if role != "pressure"}
 
 
 Tell = Callable[[str], None]
@@ -70,7 +63,7 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path, tell: Tell
     """
     parts = _converted(files, mapping, tell)
     columns = {name for part in parts for name in part.columns}
-    foreign = sorted(columns - {"time_s", *UNITS})
+    foreign = sorted(columns - {"time_s", *SAMPLED})
     if foreign:
         raise RunError(
             f"{mapping.path}: {', '.join(foreign)}: not in a run of this motor; make a recording of it with -o, or, "
@@ -233,11 +226,11 @@ def _channel(mapping: Mapping, name: str) -> Channel:
 def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
     file = mapping.file
     now_ns = time.time_ns()
-    pressure = next((name for name in PRESSURES if name in columns), None)
-    roles = {role: f"{DEVICE}.{name}" if name in columns else None for role, name in ROLES.items()}
+    pressure = next((name for name in PRESSURE if name in columns), None)
+    roles = {role: f"{DEVICE}.{name}" if name in columns else None for role, name in COLUMN_OF.items()}
     channels = {
-        name: ChannelRecord(unit=UNITS[name], **{key: getattr(file.columns[name], key) for key in FIGURES})
-        for name in UNITS
+        name: ChannelRecord(unit=NUMERIC[name].unit, **{key: getattr(file.columns[name], key) for key in FIGURES})
+        for name in SAMPLED
         if name in columns
     }
     return StartRecord(
@@ -287,11 +280,9 @@ def _readings(part: Converted, row: int, time_ns: int) -> tuple[Reading, ...]:
         if name == "time_s" or math.isnan(value):
             continue
         cells = part.cells.get(name)
-        raw = cells[row] if cells else ""
+        raw, unit = cells[row] if cells else "", NUMERIC[name].unit
         readings.append(
-            Reading(
-                DEVICE, name, value, UNITS[name], Quality.UNVERIFIED, time_ns, time_ns, time_ns, 0, raw, "", censored
-            )
+            Reading(DEVICE, name, value, unit, Quality.UNVERIFIED, time_ns, time_ns, time_ns, 0, raw, "", censored)
         )
     return tuple(readings)
 

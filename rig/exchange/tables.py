@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rig.exchange.binary.apart import read_apart
-from rig.exchange.binary.columns import MAX_BYTES, MAX_COLUMNS, Cells
+from rig.exchange.binary.columns import MAX_BYTES, MAX_SERIES, Cells
 from rig.exchange.mapping import TableTable
 from rig.exchange.workbook import rows_of
 from rig.recording.mistakes import shown
@@ -134,8 +134,8 @@ def _of_rows(
     if not data:
         raise RunError(f"{place}: no rows from line {first} on")
     width = len(headings) or len(data[0][1])
-    if width > MAX_COLUMNS:
-        raise RunError(f"{place}: {width} columns; at most {MAX_COLUMNS} are read")
+    if width > MAX_SERIES:
+        raise RunError(f"{place}: {width} columns; at most {MAX_SERIES} are read")
     if is_text:  # beside the table of a workbook there may be notes
         for number, row in data:
             if len(row) > width and any(row[width:]):

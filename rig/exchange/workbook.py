@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 from xml.etree import ElementTree as Xml
 
-from rig.exchange.binary.columns import MAX_BYTES, MAX_COLUMNS
+from rig.exchange.binary.columns import MAX_BYTES, MAX_SERIES
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
@@ -90,7 +90,7 @@ def _grid(archive: zipfile.ZipFile, part: str, shared: list[str]) -> list[list[s
             match = _REFERENCE.fullmatch(cell.get("r", ""))
             index = _letters(match[1]) if match else len(cells)
             value = cell.findtext(_tag("v")) or "".join(text.text or "" for text in cell.iter(_tag("t")))
-            if index < MAX_COLUMNS and value:
+            if index < MAX_SERIES and value:
                 cells += [""] * (index + 1 - len(cells))
                 cells[index] = shared[int(value)] if cell.get("t") == "s" else value
         count += len(cells)

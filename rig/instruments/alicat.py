@@ -28,16 +28,22 @@ from rig.readings import Quality
 if TYPE_CHECKING:
     from rig.bench.bench import Place
 
-OVER_RANGE = ("MOV", "VOV", "POV", "TOV", "OVR")  # mass, volume, pressure, temperature, totalizer
-FAULTS = ("ADC", "EXH")  # converter error; exhausting instead of controlling
-NOTES = ("HLD", "LCK", "TMF", "OPL", "P2O")  # display held, locked; total lost, pressure limited, 2nd pressure beyond
+OVER_RANGE_WORDS = ("MOV", "VOV", "POV", "TOV", "OVR")  # mass, volume, pressure, temperature, totalizer
+FAULT_WORDS = ("ADC", "EXH")  # converter error; exhausting instead of controlling
+NOTE_WORDS = (
+    "HLD",
+    "LCK",
+    "TMF",
+    "OPL",
+    "P2O",
+)  # display held, locked; total lost, pressure limited, 2nd pressure beyond
 WORD = re.compile(r"[A-Z][A-Z0-9]{1,3}")
 NO_NUMBER = re.compile(r"[+-]?-+(\.-+)?")
 # Which quantity an over-range flag speaks of, by the beginning of the channel's name.
-QUANTITIES = {"MOV": "flow_sl", "VOV": "flow_l", "POV": "pressure", "TOV": "temperature", "OVR": "total"}
+OUT_OF_RANGE_OF = {"MOV": "flow_sl", "VOV": "flow_l", "POV": "pressure", "TOV": "temperature", "OVR": "total"}
 SETPOINT, GAS, UNUSED = "setpoint", "gas", "-"
 MOST_BYTES = 128
-END = b"\r"
+END_OF_LINE = b"\r"
 GAS_NAME = re.compile(r"[A-Za-z0-9-]{1,12}")
 
 
@@ -133,15 +139,15 @@ def judge(
     By channel, limits not yet looked at.
     """
     detail = joined(" ".join(flags), note)
-    faulty = any(flag in FAULTS or not WORD.fullmatch(flag) for flag in flags)  # a status bit is no word
-    unknown = any(flag not in (*OVER_RANGE, *NOTES) for flag in flags)
+    faulty = any(flag in FAULT_WORDS or not WORD.fullmatch(flag) for flag in flags)  # a status bit is no word
+    unknown = any(flag not in (*OVER_RANGE_WORDS, *NOTE_WORDS) for flag in flags)
     found = {}
     for name, number in numbers.items():
         if faulty:
             found[name] = Value(None, Quality.EXCEPTION, raw[name], detail)
         elif math.isnan(number):
             found[name] = Value(None, Quality.EXCEPTION, raw[name], joined("the device shows no number", detail))
-        elif math.isfinite(number) and any(name.startswith(QUANTITIES.get(flag, "?")) for flag in flags):
+        elif math.isfinite(number) and any(name.startswith(OUT_OF_RANGE_OF.get(flag, "?")) for flag in flags):
             found[name] = Value(number, Quality.OVER_RANGE, raw[name], detail, -1 if number < 0.0 else 1)
         else:
             quality = Quality.UNVERIFIED if unknown else Quality.OK
@@ -181,10 +187,10 @@ class Alicat(Polled):
 
     def _frame(self, line: Line, question: str) -> tuple[dict[str, str], tuple[str, ...], Reply]:
         """One question, and the frame that answers it."""
-        request = question.encode("ascii") + END
-        reply = ask_text(line, request, ends_with(END, MOST_BYTES), timing_of(self.settings, line), self._echo)
+        request = question.encode("ascii") + END_OF_LINE
+        reply = ask_text(line, request, ends_with(END_OF_LINE, MOST_BYTES), timing_of(self.settings, line), self._echo)
         try:
-            text = reply.data.removesuffix(END).decode("ascii", errors="replace").strip("\n\0 ")
+            text = reply.data.removesuffix(END_OF_LINE).decode("ascii", errors="replace").strip("\n\0 ")
             return *decode(text, self.address, self.settings.layout), reply
         except BadReplyError:
             line.drop()

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 STATUS = 1201  # as the manual counts: status, pressure, temperature, volume flow, mass flow, two registers each
 BLOCK = 10
 SETPOINT = 1010
-QUANTITIES = {"pressure": 2, "temperature": 4, "flow_l": 6, "flow_sl": 8}  # where in the block, by the name's beginning
-FLAGS = {
+PLACE_IN_BLOCK = {"pressure": 2, "temperature": 4, "flow_l": 6, "flow_sl": 8}  # by the name's beginning
+STATUS_FLAGS = {
     **{0: "TOV", 1: "TOV", 2: "VOV", 3: "VOV", 4: "MOV", 5: "MOV", 6: "POV", 7: "OVR"},  # over, and under, where two
     **{8: "HLD", 9: "ADC", 10: "EXH"},
 }
@@ -50,14 +50,14 @@ class Settings(PolledFile):
         """Refuse channels that are not in the block."""
         unknown = [name for name in self.channels if _quantity(name) is None]
         if unknown:
-            raise ValueError(f"channels.{unknown[0]}: the names begin with {', '.join(QUANTITIES)}")
+            raise ValueError(f"channels.{unknown[0]}: the names begin with {', '.join(PLACE_IN_BLOCK)}")
         refuse_no_scale(self.channels.values(), self.setpoint)
         return self
 
 
 def flags_of(status: int) -> list[str]:
     """The flags of the status bits; a bit without a name here is named by its number, and counts as a fault."""
-    raised = [FLAGS.get(bit, f"status bit {bit}") for bit in range(32) if status >> bit & 1]
+    raised = [STATUS_FLAGS.get(bit, f"status bit {bit}") for bit in range(32) if status >> bit & 1]
     return list(dict.fromkeys(raised))
 
 
@@ -65,14 +65,14 @@ def decode(words: Sequence[int], channels: dict[str, ScaledChannel]) -> dict[str
     """The values of the block. By channel, limits not yet looked at."""
     raw, numbers = {}, {}
     for name, channel in channels.items():
-        first = QUANTITIES[cast(str, _quantity(name))]
+        first = PLACE_IN_BLOCK[cast(str, _quantity(name))]
         number = float(number_of(words[first : first + 2], "f32"))
         raw[name], numbers[name] = repr(number), channel.scale * number + channel.offset
     return judge(numbers, raw, flags_of(int(number_of(words[:2], "u32"))))
 
 
 def _quantity(name: str) -> str | None:
-    return next((quantity for quantity in QUANTITIES if name.startswith(f"{quantity}_")), None)
+    return next((quantity for quantity in PLACE_IN_BLOCK if name.startswith(f"{quantity}_")), None)
 
 
 class AlicatModbus(Polled):

@@ -24,7 +24,7 @@ from rig.readings import NS, Quality, Reading
 if TYPE_CHECKING:
     from rig.bench.bench import Place
 
-START, STOP, WHO = b"S\n", b"X\n", b"I\n"
+START_ORDER, STOP_ORDER, WHO = b"S\n", b"X\n", b"I\n"
 IDENTITY = re.compile(rb"EDGE1 ([\w.-]{1,32}) ([\w.-]{1,32}) teeth=(\d{1,4}) tick_ns=(\d{1,7})\n")
 SPEED, ANGLE = "speed_rpm", "angle_rad"
 FEWEST_READS = 3  # before a poll gives up on a counter that sends and does not count
@@ -75,7 +75,7 @@ class EdgeCounter:
 
     def identify(self, line: Line) -> str:
         """Stop the device, ask who it is, and start it."""
-        line.tell(STOP)
+        line.tell(STOP_ORDER)
         line.drop()
         reply = repeated(lambda: line.ask(WHO, _identity_end, timing_of(self.settings, line)), 1)
         match = IDENTITY.search(reply.data)
@@ -95,7 +95,7 @@ class EdgeCounter:
         self._tick_ns = tick_ns
         self._reset()
         self._started = True
-        line.tell(START)
+        line.tell(START_ORDER)
         return f"edge counter {serial}, firmware {firmware}, {teeth} teeth, ticks of {tick_ns} ns"
 
     def poll(self, line: Line) -> list[Reading]:
@@ -152,7 +152,7 @@ class EdgeCounter:
         """What came since the last call, as marks; waits for the first bytes only."""
         if not self._started:  # switched on after we were, or its power came back
             self._reset()
-            line.tell(START)
+            line.tell(START_ORDER)
             self._started = True
         arrival_ns, data = line.listen(self.settings.silence_s)
         if not data:

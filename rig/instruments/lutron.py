@@ -23,7 +23,7 @@ from rig.readings import Quality
 if TYPE_CHECKING:
     from rig.bench.bench import Place
 
-START, END = 0x02, 0x0D
+FIRST_BYTE, LAST_BYTE = 0x02, 0x0D
 FRAME_BYTES = 16
 MOST_DECIMALS = 3
 
@@ -64,7 +64,7 @@ class Frame:
 
 def decode(frame: bytes) -> Frame:
     """The content of a frame. Raises BadReplyError when it is none."""
-    if len(frame) != FRAME_BYTES or frame[0] != START or frame[1:2] != b"4" or frame[-1] != END:
+    if len(frame) != FRAME_BYTES or frame[0] != FIRST_BYTE or frame[1:2] != b"4" or frame[-1] != LAST_BYTE:
         raise BadReplyError(f"not a Lutron frame: {frame[:FRAME_BYTES].hex(' ')}")
     body = frame[2:15]
     display, unit_code, sign, decimals, digits = body[:1], body[1:3], body[3:4], body[4:5], body[5:]
@@ -81,7 +81,7 @@ def cut(buffer: bytes) -> tuple[list[bytes], bytes]:
     Returns `frames`: 16 bytes each, oldest first; `rest`: what may become a frame.
     """
     frames: list[bytes] = []
-    while (start := buffer.find(START)) >= 0:
+    while (start := buffer.find(FIRST_BYTE)) >= 0:
         buffer = buffer[start:]
         if len(buffer) < FRAME_BYTES:
             return frames, buffer

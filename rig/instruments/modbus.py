@@ -17,7 +17,7 @@ import pydantic
 from configs import Strict
 from rig.bench.instrument import ChannelFile, IdentityError, InstrumentError, InstrumentFile, Positive
 from rig.instruments.codecs.blocks import Span, Table, blocks_of
-from rig.instruments.codecs.registers import ORDERS, Kind, Order, is_float, number_of, width_of, words_of
+from rig.instruments.codecs.registers import WORD_ORDERS, Kind, Order, is_float, number_of, width_of, words_of
 from rig.instruments.codecs.values import Value, joined
 from rig.instruments.placing import modbus_unit
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, repeated, timing_of
@@ -305,9 +305,10 @@ class ModbusDevice(Polled):
 def _in_all_orders(name: str, channel: RegisterChannel, span: Span, image: Image) -> InAllOrders:
     words = _words(span, image)
     values = {
-        order: channel.scale * number_of(words, channel.type, *how) + channel.offset for order, how in ORDERS.items()
+        order: channel.scale * number_of(words, channel.type, *how) + channel.offset
+        for order, how in WORD_ORDERS.items()
     }
-    chosen = next(order for order, how in ORDERS.items() if how == (channel.word_order, channel.byte_order))
+    chosen = next(order for order, how in WORD_ORDERS.items() if how == (channel.word_order, channel.byte_order))
     return InAllOrders(name, span, chosen, values)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from configs.units import STANDARD_BAR
 from rig.bench.bench import RolesTable, SafetyTable
 from rig.readings import NS, Quality, Reading
 
@@ -30,7 +31,7 @@ class Limits:
     """The trip rules of a bench. It remembers when each signal was last heard and looked at, and the last speed."""
 
     def __init__(
-        self, safety: SafetyTable, roles: RolesTable, ambient_bar_abs: float = 1.01325, rate: float = 1.0
+        self, safety: SafetyTable, roles: RolesTable, ambient_bar_abs: float = STANDARD_BAR, rate: float = 1.0
     ) -> None:
         self.safety, self.roles, self.ambient_bar_abs = safety, roles, ambient_bar_abs
         self.longest_silence_s = max(safety.speed_stale_s, LEAST_REAL_S * rate if rate > 1.0 else 0.0)

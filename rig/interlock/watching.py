@@ -22,7 +22,7 @@ from rig.recording.files import alone_in
 
 GIVE_UP_S = 10.0
 AGAIN_S = 0.1  # between attempts
-CLOSED, SILENT, RELEASED = "the controller has ended", f"no beat for {SILENCE_S:g} s", "released"
+CONTROLLER_ENDED, SILENT, RELEASED = "the controller has ended", f"no beat for {SILENCE_S:g} s", "released"
 MOST_PLAN_BYTES = 65_536
 
 
@@ -50,7 +50,7 @@ def main() -> int:
 
 
 def watch(pipe: int) -> str:
-    """Wait for a reason to act, or for the release. Returns `CLOSED`, `SILENT` or `RELEASED`."""
+    """Wait for a reason to act, or for the release. Returns `CONTROLLER_ENDED`, `SILENT` or `RELEASED`."""
     while True:
         # After a long wait look again: on a machine that stood still the beats are there, and so is this process.
         if not select.select([pipe], [], [], SILENCE_S)[0] and not select.select([pipe], [], [], 0.0)[0]:
@@ -59,7 +59,7 @@ def watch(pipe: int) -> str:
         if RELEASE in data:
             return RELEASED
         if not data:
-            return CLOSED
+            return CONTROLLER_ENDED
 
 
 def vent(plan: Plan, driver: Regulator, pipe: int, reason: str) -> str:

@@ -40,7 +40,7 @@ EXCEPTIONS = {
     11: "gateway target does not respond",
 }
 GATEWAY = (10, 11)
-BUSY = (5, 6, *GATEWAY)
+BUSY_CODES = (5, 6, *GATEWAY)
 _RTU = FramerRTU(DecodePDU(False))
 _TCP = FramerSocket(DecodePDU(False))
 
@@ -71,7 +71,7 @@ class RefusedError(BadReplyError):
     @property
     def is_busy(self) -> bool:
         """Whether it may do later what was asked, as a device that starts: it is no other model."""
-        return self.code in BUSY
+        return self.code in BUSY_CODES
 
     @property
     def while_busy(self) -> str:

@@ -22,7 +22,7 @@ from rig.lines.port import LostError
 from rig.readings import NS
 
 WRITE_S = 5.0  # real time after which a device that takes nothing counts as lost
-FAULTS = (serial.SerialException, OSError, TermiosError)
+PORT_ERRORS = (serial.SerialException, OSError, TermiosError)
 
 
 class SerialPort:
@@ -53,17 +53,17 @@ class SerialPort:
                 write_timeout=WRITE_S,
                 exclusive=self.exclusive or None,
             )
-        except (*FAULTS, ValueError) as error:
+        except (*PORT_ERRORS, ValueError) as error:
             raise LostError(f"{self.path} cannot be opened: {_why(error)}") from None
         with contextlib.suppress(Exception):  # a pty or a port without the setting
             self._serial.set_low_latency_mode(True)
-        with contextlib.suppress(*FAULTS):
+        with contextlib.suppress(*PORT_ERRORS):
             self._serial.reset_input_buffer()
 
     def close(self) -> None:
         """Close the port."""
         if self._serial is not None:
-            with contextlib.suppress(*FAULTS):
+            with contextlib.suppress(*PORT_ERRORS):
                 self._serial.close()
             self._serial = None
 
@@ -73,7 +73,7 @@ class SerialPort:
         time_ns = self.clock.now_ns()
         try:
             port.write(data)
-        except FAULTS as error:
+        except PORT_ERRORS as error:
             raise LostError(f"{self.path}: writing failed: {_why(error)}") from None
         return time_ns
 
@@ -83,7 +83,7 @@ class SerialPort:
         wait_s = max(0.0, self.clock.real_s((until_ns - self.clock.now_ns()) / NS))
         try:
             data = _read_posix(port, wait_s) if sys.platform != "win32" else _read_windows(port, wait_s)
-        except (*FAULTS, TypeError) as error:  # TypeError: closed while reading
+        except (*PORT_ERRORS, TypeError) as error:  # TypeError: closed while reading
             raise LostError(f"{self.path}: reading failed: {_why(error)}") from None
         return self.clock.now_ns(), data
 

@@ -12,6 +12,7 @@ import numpy as np
 from rig.plateaus.plan import Step
 from rig.plateaus.series import line_through, standard_error
 from rig.readings import NS, Quality
+from rig.recording.columns import OF_CHANNEL
 
 LEAST_FOR_DRIFT = 5  # readings
 CENSORED_SHARE = 0.1  # of the readings: above it the mean is a limit, and not a value
@@ -146,8 +147,8 @@ class Plateau:
     def sentence(self) -> str:
         """The plateau in one line, for a person."""
         parts = [f"{self.step.level_bar_abs:g} bar abs {self.step.direction}"]
-        units = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
-        parts += [self.means[role].text(unit) for role, unit in units.items() if role in self.means]
+        roles = ("pressure", "flow", "speed")
+        parts += [self.means[role].text(OF_CHANNEL[role].unit) for role in roles if role in self.means]
         if not self.settled:
             parts.append("not settled")
         return ", ".join(parts)

@@ -6,12 +6,14 @@ docs/recording.md tells a person how to write one.
 
     contents    what a recording holds, as the calibration sees it
     columns     the columns known by name: unit, limits, and the figures taken for an instrument that states none
+    units       units that others write: spellings, factors, and what to do with the numbers
     schema      recording.toml, key by key, the inline motors included
     header      the first line of a CSV file, and what each kind of file has to hold
     table       the rows of a CSV file, in bounded memory: its lines, and the cells of a column
     dates       when it was taken, in ISO 8601
     origin      of which run it is
     mistakes    so that one error names them all
+    safe_text   what came from outside, fit for a spreadsheet or for JSON
     files       a file is written whole or not at all; JSON
     folder      which files may be opened
     read, write

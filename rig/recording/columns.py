@@ -13,97 +13,85 @@ import re
 from collections.abc import Container
 from dataclasses import dataclass
 
+from configs.units import BAR, M3_S, RAD_S
+from rig.recording import units
+
 FIGURES = ("noise_sd", "bias_sd", "scale_sd", "resolution")
 HUGE = 1e12  # beyond it no column here has a physical meaning
 
 
 @dataclass(frozen=True)
 class Known:
-    """A column known by name: plausible limits in its unit and, for an instrument, its default figures."""
+    """A column known by name.
+
+    `low`, `high`: plausible limits [unit].
+    `figures`: of an instrument that states none.
+    `channel`: the quantity that it holds, which several columns may share; empty for a flag.
+    `si`, `to_si`: the unit that is computed with, and the factor to it; a temperature stays in degrees Celsius.
+    """
 
     column: str
     says: str
     low: float
     high: float
     figures: tuple[float, float, float, float] | None = None
+    channel: str = ""
+    unit: str = "1"
+    si: str = "1"
+    to_si: float = 1.0
+
+    @property
+    def name_si(self) -> str:
+        """The quantity's name with the unit that is computed with: ``speed_rad_s``."""
+        unit = self.si.removeprefix("deg").replace(" ", "").replace("/", "_").lower()
+        return f"{self.channel}_{unit}" if unit else self.channel
 
 
 PRESSURE = ("pressure_bar_abs", "pressure_bar_gauge")
 FLAGS = ("supply_open", "rotor_locked")
+ROLES = ("pressure", "flow", "speed", "temperature")  # channels that a bench may have
 
+_GAUGE, _BAR = (0.005, 0.02, 0.005, 0.01), ("pressure", "bar", "Pa", BAR)
 _ALL = (
-    Known("time_s", "seconds on the file's clock", -HUGE, HUGE),
-    Known("pressure_bar_abs", "absolute inlet pressure, 0.01 to 40 bar", 0.01, 40.0, (0.005, 0.02, 0.005, 0.01)),
-    Known("pressure_bar_gauge", "gauge inlet pressure, -1.1 to 40 bar", -1.1, 40.0, (0.005, 0.02, 0.005, 0.01)),
-    Known("flow_l_min", "L/min at the inlet's state, up to 100000", -math.inf, 1e5, (1.0, 1.0, 0.03, 1.0)),
-    Known("speed_rpm", "rpm, 0 to 200000, never negative", 0.0, 2e5, (0.5, 0.1, 0.0005, 0.1)),
+    Known("time_s", "seconds on the file's clock", -HUGE, HUGE, None, "time", "s", "s"),
+    Known("pressure_bar_abs", "absolute inlet pressure, 0.01 to 40 bar", 0.01, 40.0, _GAUGE, *_BAR),
+    Known("pressure_bar_gauge", "gauge inlet pressure, -1.1 to 40 bar", -1.1, 40.0, _GAUGE, *_BAR),
+    Known("flow_l_min", "L/min at the inlet's state, up to 100000", -math.inf, 1e5, (1.0, 1.0, 0.03, 1.0),
+          "flow", "L/min", "m3/s", M3_S),
+    Known("speed_rpm", "rpm, 0 to 200000, never negative", 0.0, 2e5, (0.5, 0.1, 0.0005, 0.1),
+          "speed", "rpm", "rad/s", RAD_S),
     Known("supply_open", "0 or 1", 0.0, 1.0),
     Known("rotor_locked", "0 or 1", 0.0, 1.0),
-    Known("inlet_temperature_c", "degrees Celsius, -80 to 200", -80.0, 200.0, (0.2, 0.5, 0.0, 0.1)),
-    Known("torque_nm", "measured drive in N m", -HUGE, HUGE, (0.02, 0.02, 0.01, 0.01)),
-    Known("force_n", "measured drive in N", -HUGE, HUGE, (0.5, 0.5, 0.01, 0.1)),
-    Known("velocity_m_s", "m/s", -HUGE, HUGE, (0.002, 0.001, 0.002, 0.001)),
-    Known("angle_rad", "rad", -HUGE, HUGE, (0.002, 0.01, 0.0, 0.001)),
-)
+    Known("inlet_temperature_c", "degrees Celsius, -80 to 200", -80.0, 200.0, (0.2, 0.5, 0.0, 0.1),
+          "temperature", "degC", "degC"),
+    Known("torque_nm", "measured drive in N m", -HUGE, HUGE, (0.02, 0.02, 0.01, 0.01), "torque", "N m", "N m"),
+    Known("force_n", "measured drive in N", -HUGE, HUGE, (0.5, 0.5, 0.01, 0.1), "force", "N", "N"),
+    Known("velocity_m_s", "m/s", -HUGE, HUGE, (0.002, 0.001, 0.002, 0.001), "velocity", "m/s", "m/s"),
+    Known("angle_rad", "rad", -HUGE, HUGE, (0.002, 0.01, 0.0, 0.001), "angle", "rad", "rad"),
+)  # fmt: skip
 NUMERIC = {known.column: known for known in _ALL}
+OF_CHANNEL = {known.channel: known for known in reversed(_ALL) if known.channel}  # a pressure's: the absolute one
+IN_SI = {known.name_si: known for known in OF_CHANNEL.values()}
 MEASURED = tuple(known.column for known in _ALL if known.figures)
 NAMES = (*NUMERIC, "direction")
 
-# Quantity -> unit as people write it -> what to do with the numbers. The unit "" means that none was given.
-_CONVERT = {
-    "pressure": {
-        "": "name unit and reference",
-        "bar": "say whether it is absolute or gauge",
-        "pa": "divide by 100000",
-        "hpa": "divide by 1000",
-        "mbar": "divide by 1000",
-        "kpa": "divide by 100",
-        "mpa": "multiply by 10",
-        "psi": "multiply by 0.0689476",
-        "psia": "multiply by 0.0689476",
-        "psig": "multiply by 0.0689476",
-        "atm": "multiply by 1.01325",
-    },
-    "speed": {
-        "": "name the unit",
-        "rad_s": "multiply by 9.5493",
-        "hz": "multiply by 60",
-        "rps": "multiply by 60",
-        "rev_s": "multiply by 60",
-        "rev_min": "the numbers stay",
-        "1_min": "the numbers stay",
-        "deg_s": "divide by 6",
-        "krpm": "multiply by 1000",
-    },
-    "flow": {
-        "": "name the unit",
-        "lpm": "the numbers stay, if they are at the inlet's pressure and temperature",
-        "l_s": "multiply by 60",
-        "l_h": "divide by 60",
-        "ml_min": "divide by 1000",
-        "m3_h": "multiply by 16.6667",
-        "m3_min": "multiply by 1000",
-        "m3_s": "multiply by 60000",
-        "cfm": "multiply by 28.3168",
-        "kg_s": "divide by the air's density at the inlet, then multiply by 60000",
-        "kg_h": "divide by the air's density at the inlet, then multiply by 16.6667",
-        "g_s": "divide by the air's density at the inlet, then multiply by 60",
-        **dict.fromkeys(
-            ("nl_min", "sl_min", "ln_min", "slpm", "nlpm", "sccm"),
-            "bring standard litres to the inlet's pressure and temperature",
-        ),
-    },
-    "time": {"": "name the unit", "ms": "divide by 1000", "us": "divide by 1000000", "min": "multiply by 60",
-             "h": "multiply by 3600"},
-    "torque": {"": "name the unit", "nmm": "divide by 1000", "mnm": "divide by 1000", "ncm": "divide by 100",
-               "knm": "multiply by 1000", "lbft": "multiply by 1.35582"},
-    "force": {"": "name the unit", "kn": "multiply by 1000", "mn": "divide by 1000", "kgf": "multiply by 9.80665",
-              "lbf": "multiply by 4.44822"},
-    "velocity": {"": "name the unit", "mm_s": "divide by 1000", "cm_s": "divide by 100", "m_min": "divide by 60",
-                 "km_h": "divide by 3.6"},
-    "angle": {"": "name the unit", "deg": "multiply by 0.0174533", "rev": "multiply by 6.28319"},
-    "inlet_temperature": {"": "name the unit", "k": "subtract 273.15", "f": "subtract 32, then divide by 1.8"},
-}  # fmt: skip
+# Of the columns that are named by their quantity: units in which they come under another name.
+_FOREIGN = {
+    "pressure": "bar pa hpa mbar kpa mpa psi psia psig atm",
+    "speed": "rad_s hz rps rev_s rev_min 1_min deg_s krpm",
+    "flow": "lpm l_s l_h ml_min m3_h m3_min m3_s cfm kg_s kg_h g_s nl_min sl_min ln_min slpm nlpm sccm",
+    "time": "ms us min h",
+    "torque": "nmm mnm ncm knm lbft",
+    "force": "kn mn kgf lbf",
+    "velocity": "mm_s cm_s m_min km_h",
+    "angle": "deg rev",
+    "inlet_temperature": "k f",
+}
+
+
+def quantity(channel: str) -> Known:
+    """What a channel is measured in; without a unit where no column holds such a quantity."""
+    return OF_CHANNEL.get(channel) or Known("", "", -HUGE, HUGE, None, channel, "", "")
 
 
 def pressure_in(columns: Container[str]) -> tuple[str, bool]:
@@ -115,7 +103,7 @@ def pressure_in(columns: Container[str]) -> tuple[str, bool]:
 def siblings(column: str) -> tuple[str, ...]:
     """The known columns of the same quantity as a column, under whatever name or unit it comes."""
     plain = _plain(column)
-    quantity = next((word for word in _CONVERT if plain == word or plain.startswith(f"{word}_")), None)
+    quantity = next((word for word in _FOREIGN if plain == word or plain.startswith(f"{word}_")), None)
     return tuple(name for name in NAMES if name.startswith(f"{quantity}_")) if quantity else (column,)
 
 
@@ -128,13 +116,25 @@ def other_spelling(name: str) -> tuple[str, str] | None:
     plain = _plain(name)
     if plain in NAMES:
         return plain, "the numbers stay"
-    for quantity, units in _CONVERT.items():
+    for quantity, foreign in _FOREIGN.items():
         if plain != quantity and not plain.startswith(f"{quantity}_"):
             continue
         unit, reference = _unit_and_reference(plain.removeprefix(quantity).strip("_"), quantity)
-        if unit in units:
-            return _expected(quantity, reference), units[unit]
+        if not unit or unit in foreign.split():
+            return _expected(quantity, reference), _advice(quantity, unit)
     return None
+
+
+def _advice(quantity: str, unit: str) -> str:
+    """What to do with the numbers of a quantity in a unit; where the name has none, to say it."""
+    is_pressure = quantity == "pressure"
+    if not unit:
+        return "name unit and reference" if is_pressure else "name the unit"
+    if is_pressure and unit == "bar":
+        return "say whether it is absolute or gauge"
+    held = {one for name in siblings(quantity) for one in units.QUANTITIES_OF[name]}
+    known = units.unit_in_a_name(unit, held) or units.unit_in_a_name(f"{unit}_abs", held)
+    return units.advice(known) if known else "name the unit"
 
 
 def _plain(name: str) -> str:

@@ -20,10 +20,10 @@ from rig.recording.columns import FIGURES, FLAGS
 from rig.recording.contents import Channel, Column, Recording, RecordingError, RecordingFile
 from rig.recording.folder import RefusedError, parts
 from rig.recording.read import TOML, read_recording
+from rig.recording.safe_text import harmless
 from rig.recording.schema import FORMAT, OF_SPEED
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_FORMULA = ("=", "+", "-", "@")  # what a spreadsheet would take for a formula
 _SIGN = {0: "", -1: "<", 1: ">"}
 
 
@@ -92,7 +92,7 @@ def _write_rows(entry: RecordingFile, writer: Any) -> None:
     if entry.direction is not None:
         columns["direction"] = _text_cell(entry.direction)
     for name, cells in entry.extra.items():
-        columns[_harmless(name)] = _text_cell(cells)
+        columns[harmless(name)] = _text_cell(cells)
     for name, length in _lengths(entry).items():
         if length != entry.rows:
             raise RefusedError(f"'{entry.file}', column {name}: {length} values in {entry.rows} rows")
@@ -125,18 +125,7 @@ def _flag_cell(column: Column) -> Callable[[int], str]:
 
 
 def _text_cell(cells: np.ndarray) -> Callable[[int], str]:
-    return lambda row: _harmless(str(cells[row]))
-
-
-def _harmless(text: str) -> str:
-    """Text that no spreadsheet runs: a formula gets an apostrophe, a number stays."""
-    if not text.lstrip().startswith(_FORMULA):
-        return text
-    try:
-        float(text)
-    except ValueError:
-        return f"'{text}"
-    return text
+    return lambda row: harmless(str(cells[row]))
 
 
 def _toml(recording: Recording) -> str:

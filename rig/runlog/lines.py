@@ -23,12 +23,15 @@ def torn_bytes(path: Path) -> int:
     return size - whole
 
 
-def _sizes(stream: BinaryIO) -> tuple[int, int]:
-    """What a file holds, and how much of it is whole lines [bytes]; somebody may be writing on."""
+def _sizes(stream: BinaryIO, begin: int = 0) -> tuple[int, int]:
+    """What a file holds, and how much of it is whole lines [bytes]; somebody may be writing on.
+
+    `begin`: where a line begins; what is before it is not looked at [bytes].
+    """
     size = end = stream.seek(0, 2)
     only_zeros = True
-    while end > 0:
-        start = max(0, end - BLOCK_BYTES)
+    while end > begin:
+        start = max(begin, end - BLOCK_BYTES)
         stream.seek(start)
         block = stream.read(end - start)
         if only_zeros:
@@ -38,21 +41,21 @@ def _sizes(stream: BinaryIO) -> tuple[int, int]:
         if newline >= 0:
             return size, start + newline + 1
         end = start
-    return size, 0
+    return size, begin
 
 
-def whole_lines(path: Path) -> Iterator[tuple[int, bytes]]:
+def whole_lines(path: Path, number: int = 0, begin: int = 0) -> Iterator[tuple[int, bytes]]:
     """The lines of a file, from 1, without their line feeds; a torn last line is left out.
 
     `path`: the file; a missing one has no lines.
+    `number`, `begin`: of the lines that are left out at its beginning: how many [-], and where they end [bytes].
     Raises RunError when it is no plain file or no text.
     """
     if not path.exists() and not path.is_symlink():
         return
-    number = 0
     with open_plain(path, MAX_FILE_BYTES) as stream:
-        _, left = _sizes(stream)
-        stream.seek(0)
+        left = _sizes(stream, begin)[1] - begin
+        stream.seek(begin)
         while left > 0:
             line = stream.readline(min(left, MAX_LINE_BYTES))
             left -= len(line)

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rig.recording.columns import OF_CHANNEL, PRESSURE, ROLES
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 from rig.runlog.lines import whole_lines
 from rig.runlog.rows import csv_line, harmless, seconds, unescaped
 
-QUANTITIES = ("pressure_bar_abs", "pressure_bar_gauge", "flow_l_min", "speed_rpm", "inlet_temperature_c")
-PRESSURES = QUANTITIES[:2]
+QUANTITIES = (*PRESSURE, "flow_l_min", "speed_rpm", "inlet_temperature_c")
 PARTS = ("", "_se", "_n_eff", "_n")
 _OWN = ("n", "level_bar_abs", "direction", "repeat", "start_s", "end_s", "settled", "used")
 COLUMNS = (*_OWN, *(f"{name}{part}" for name in QUANTITIES for part in PARTS), "note")
@@ -73,12 +73,9 @@ def columns_of(roles: Mapping[str, str | None]) -> dict[str, str]:
     `roles`: ``pressure``, ``flow``, ``speed``, ``temperature`` to ``device.channel``, as the bench file says.
     """
     pressure = roles.get("pressure") or ""
-    columns = {
-        "pressure": "pressure_bar_gauge" if pressure.endswith("_gauge") else "pressure_bar_abs",
-        "flow": "flow_l_min",
-        "speed": "speed_rpm",
-        "temperature": "inlet_temperature_c",
-    }
+    columns = {role: OF_CHANNEL[role].column for role in ROLES}
+    if pressure.endswith("_gauge"):
+        columns["pressure"] = "pressure_bar_gauge"
     return {role: column for role, column in columns.items() if roles.get(role)}
 
 

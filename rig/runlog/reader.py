@@ -170,14 +170,22 @@ def read_end(folder: Path) -> EndRecord | None:
     return parse(EndRecord, read_bytes(path, MAX_RECORD_BYTES), str(path))
 
 
+def event_of(data: bytes, number: int, path: Path) -> EventLine:
+    """The event of a line of events.jsonl, which is the `number`-th.
+
+    Raises RunError: file, line and what is wrong.
+    """
+    if number > MAX_EVENTS:
+        raise RunError(f"{path}: more than {MAX_EVENTS} events; this is no run of spinbench")
+    event = parse(EventLine, data, f"{path}, line {number}")
+    if event.n != number:
+        raise RunError(f"{path}, line {number}: its number is {event.n}; lines are missing or not in order")
+    return event
+
+
 def read_events(path: Path) -> list[EventLine]:
     """The events of a run. `path`: events.jsonl; a missing one has none."""
     events = []
     for number, data in whole_lines(path):
-        if number > MAX_EVENTS:
-            raise RunError(f"{path}: more than {MAX_EVENTS} events; this is no run of spinbench")
-        line = parse(EventLine, data, f"{path}, line {number}")
-        if line.n != number:
-            raise RunError(f"{path}, line {number}: its number is {line.n}; lines are missing or not in order")
-        events.append(line)
+        events.append(event_of(data, number, path))
     return events

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import datetime
-import enum
 import io
 import json
 import math
@@ -16,9 +15,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from rig.readings import NS, Event, Exchange, Reading
+from rig.recording import safe_text
 from rig.runlog.schema import WireLine
 
 COLUMNS = (
@@ -41,8 +39,6 @@ COLUMNS = (
 HEADER = (",".join(COLUMNS) + "\n").encode()
 MAX_TEXT = 500  # characters of a text cell
 MAX_DEPTH = 8  # of an event's details
-_FORMULA = ("=", "+", "-", "@", "'")
-_NUMBER = re.compile(r"[+-]?[0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?", re.ASCII)
 _SECONDS = re.compile(r"(-?)([0-9]{1,10})\.([0-9]{9})", re.ASCII)
 _EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 
@@ -80,7 +76,7 @@ def harmless(text: str, length: int = MAX_TEXT) -> str:
         text = text[: length - 3] + "..."
     if not text.isprintable():
         text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
-    return f"'{text}" if text.startswith(_FORMULA) and not _NUMBER.fullmatch(text) else text
+    return f"'{text}" if text.startswith("'") else safe_text.harmless(text)
 
 
 def unescaped(cell: str) -> str:
@@ -155,20 +151,18 @@ def json_line(tree: Mapping[str, Any]) -> bytes:
     return (json.dumps(tree, separators=(",", ":"), allow_nan=False) + "\n").encode("ascii")
 
 
-def plain(value: Any, depth: int = 0) -> Any:
+def plain(value: Any) -> Any:
     """What JSON can hold of a value: numbers that are not finite and things of other kinds become bounded text."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, enum.Enum):
-        value = value.value
-    if value is None or isinstance(value, bool | int):
+    return _bounded(safe_text.finite(value, str))
+
+
+def _bounded(value: Any, depth: int = 0) -> Any:
+    if value is None or isinstance(value, bool | int | float):
         return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else str(value)
-    if depth < MAX_DEPTH and isinstance(value, Mapping):
-        return {clean(str(key))[:200]: plain(part, depth + 1) for key, part in value.items()}
-    if depth < MAX_DEPTH and isinstance(value, list | tuple | set | frozenset):
-        return [plain(part, depth + 1) for part in value]
+    if depth < MAX_DEPTH and isinstance(value, dict):
+        return {clean(str(key))[:200]: _bounded(part, depth + 1) for key, part in value.items()}
+    if depth < MAX_DEPTH and isinstance(value, list):
+        return [_bounded(part, depth + 1) for part in value]
     return clean(str(value))[:4000]
 
 

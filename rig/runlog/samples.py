@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,25 +32,40 @@ def read_samples(path: Path) -> pd.DataFrame:
     `path`: samples.csv; a missing one has no rows.
     Raises RunError: file, line and what is wrong.
     """
-    blocks: list[pd.DataFrame] = []
-    cells: list[list[str]] = []
     import pandas as pd  # a fifth of a second, which commands that read no samples are spared
 
-    for number, data in whole_lines(path):
-        if number == 1:
-            if data + b"\n" != rows.HEADER:
-                raise RunError(f"{path}, line 1: not the header of a run's samples; this is no run/1 file, or damaged")
-            continue
-        if number > MAX_SAMPLES:
-            raise RunError(f"{path}: more than {MAX_SAMPLES} rows")
-        cells.append(_cells(data, f"{path}, line {number}"))
-        if len(cells) == BLOCK_ROWS:
-            blocks.append(_block(cells, path, number - len(cells) + 1))
-            cells = []
-    blocks.append(_block(cells, path, sum(len(block) for block in blocks) + 2))
-    samples = pd.concat(blocks, ignore_index=True) if len(blocks) > 1 else blocks[0]
-    _check_order(samples, path)
-    return samples
+    blocks: list[pd.DataFrame] = []
+    lines: list[tuple[int, bytes]] = []
+    for line in whole_lines(path):
+        lines.append(line)
+        if len(lines) == BLOCK_ROWS:
+            blocks.append(pd.DataFrame(columns_of(lines, path, _last_exchange(blocks))))
+            lines = []
+    blocks.append(pd.DataFrame(columns_of(lines, path, _last_exchange(blocks))))
+    return pd.concat(blocks, ignore_index=True) if len(blocks) > 1 else blocks[0]
+
+
+def _last_exchange(blocks: list[pd.DataFrame]) -> int:
+    return int(blocks[-1]["exchange"].iloc[-1]) if blocks else 1
+
+
+def columns_of(lines: Sequence[tuple[int, bytes]], path: Path, exchange: int) -> dict[str, np.ndarray]:
+    """Some lines that follow each other, by column; the header is none of the rows.
+
+    `lines`: with their numbers, from 1.
+    `exchange`: of the row before them, 1 where there is none [-].
+    Raises RunError: file, line and what is wrong.
+    """
+    if lines and lines[0][0] == 1:
+        if lines[0][1] + b"\n" != rows.HEADER:
+            raise RunError(f"{path}, line 1: not the header of a run's samples; this is no run/1 file, or damaged")
+        lines = lines[1:]
+    if lines and lines[-1][0] > MAX_SAMPLES:
+        raise RunError(f"{path}: more than {MAX_SAMPLES} rows")
+    first = lines[0][0] if lines else 2
+    columns = _columns([_cells(data, f"{path}, line {number}") for number, data in lines], path, first)
+    _check_order(columns, path, first, exchange)
+    return columns
 
 
 def _cells(data: bytes, place: str) -> list[str]:
@@ -64,12 +79,10 @@ def _cells(data: bytes, place: str) -> list[str]:
     return cells
 
 
-def _block(cells: list[list[str]], path: Path, first: int) -> pd.DataFrame:
-    """Some rows as a table; `first` is the line of the first."""
-    import pandas as pd
-
+def _columns(cells: list[list[str]], path: Path, first: int) -> dict[str, np.ndarray]:
+    """Some rows by column; `first` is the line of the first."""
     columns = dict(zip(rows.COLUMNS, zip(*cells, strict=True) if cells else [()] * len(rows.COLUMNS), strict=True))
-    block: dict[str, object] = {}
+    block: dict[str, np.ndarray] = {}
     for name, texts in columns.items():
         try:
             block |= _converted(name, texts)
@@ -77,10 +90,10 @@ def _block(cells: list[list[str]], path: Path, first: int) -> pd.DataFrame:
             index = next(index for index, text in enumerate(texts) if not _is_right(name, text))
             place = f"{path}, line {first + index}, column {name}"
             raise RunError(f"{place}: '{shown(texts[index])}' is not what a run holds there; damaged") from None
-    return pd.DataFrame(block)
+    return block
 
 
-def _converted(name: str, texts: Iterable[str]) -> dict[str, object]:
+def _converted(name: str, texts: Iterable[str]) -> dict[str, np.ndarray]:
     """A column's cells as numbers or text; ValueError when one of them is not what it should be."""
     if name in ("n", "exchange", "retries", "censored", "value") and not _DIGITS.fullmatch("".join(texts)):
         raise ValueError  # Python reads more as a number than a run holds: 1_000, digits of other scripts
@@ -109,11 +122,11 @@ def _is_right(name: str, text: str) -> bool:
     return True
 
 
-def _check_order(samples: pd.DataFrame, path: Path) -> None:
-    n, exchange = samples["n"].to_numpy(), samples["exchange"].to_numpy()
-    wrong = np.flatnonzero((n != np.arange(1, len(n) + 1)) | (np.diff(exchange, prepend=1) < 0))
+def _check_order(columns: Mapping[str, np.ndarray], path: Path, first: int, exchange: int) -> None:
+    n = columns["n"]
+    wrong = np.flatnonzero((n != np.arange(len(n)) + first - 1) | (np.diff(columns["exchange"], prepend=exchange) < 0))
     if wrong.size:
-        line = int(wrong[0]) + 2
+        line = int(wrong[0]) + first
         raise RunError(
             f"{path}, line {line}: number {n[wrong[0]]}, expected {line - 1}; rows are missing or not in order"
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,14 +9,15 @@ from typing import Any
 
 from rig.acquisition.derived import CHANNEL as DERIVED_CHANNEL
 from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
-from rig.readings import USABLE
-from rig.runlog import plateaus, rows
-from rig.runlog.folder import END, EVENTS, PLATEAUS, SAMPLES, RunError, is_locked, open_plain
-from rig.runlog.folder import MAX_FILE_BYTES as MOST_BYTES
-from rig.runlog.lines import MAX_LINE_BYTES
+from rig.readings import NS, USABLE, Reading
+from rig.recording.columns import ROLES
+from rig.runlog import plateaus
+from rig.runlog.folder import END, EVENTS, PLATEAUS, SAMPLES, is_locked
+from rig.runlog.lines import whole_lines
 from rig.runlog.plateaus import PlateauRow
-from rig.runlog.reader import read_end, read_start, state_of
-from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, ZERO, EndRecord, EventLine, parse
+from rig.runlog.reader import event_of, read_end, read_start, state_of
+from rig.runlog.samples import columns_of, reading_of
+from rig.runlog.schema import CAPTURE, COURSE, EXPECTED, ZERO, EndRecord, EventLine
 
 FINEST_S = 0.05
 BINS = 800  # kept of each scale
@@ -68,7 +68,6 @@ class Bins:
 BLOCK_BYTES = 1 << 18
 KEPT_EVENTS = 400
 MOST_PLATEAUS = 2000
-ROLES = ("pressure", "flow", "speed", "temperature")
 CHECK, CHECK_FAILED, STATE, SET_POINT = "model check", "model check failed", "state", "set-point"
 LATEST = (CHECK, CHECK_FAILED, STATE, SET_POINT, COURSE, EXPECTED, ZERO, CAPTURE)  # of each kind the last is kept
 ALARMS = ("warning", "level refused", "set-point not taken", "capture failed", CHECK_FAILED, "line lost")
@@ -93,29 +92,20 @@ class Shown:
 
 
 class _Lines:
-    """The whole lines that a growing file has more than at the last look."""
+    """The whole lines that a growing file has more than at the last look, with their numbers."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self._offset, self._rest = path, 0, b""
-        self._waiting: deque[bytes] = deque()
+        self.path, self._number, self._end = path, 0, 0
 
-    def waiting(self) -> deque[bytes]:
-        """Lines not taken yet; some more are read where there are none."""
-        if not self._waiting:
-            self._read()
-        return self._waiting
-
-    def _read(self) -> None:
-        if not self.path.exists() and not self.path.is_symlink():
-            return
-        with open_plain(self.path, MOST_BYTES) as stream:
-            stream.seek(self._offset)
-            block = stream.read(BLOCK_BYTES)
-        self._offset += len(block)
-        *whole, self._rest = (self._rest + block).split(b"\n")
-        if len(self._rest) > MAX_LINE_BYTES:
-            raise RunError(f"{self.path}: a line is longer than {MAX_LINE_BYTES} bytes; this is no file of a run")
-        self._waiting.extend(whole)
+    def block(self) -> list[tuple[int, bytes]]:
+        """Some more, a quarter of a megabyte at most or one line; empty where there are none."""
+        found, begin = [], self._end
+        for number, line in whole_lines(self.path, self._number, begin):
+            found.append((number, line))
+            self._number, self._end = number, self._end + len(line) + 1
+            if self._end - begin >= BLOCK_BYTES:
+                break
+        return found
 
 
 class Tail:
@@ -144,7 +134,10 @@ class Tail:
             if not str(channels["flow"]).endswith(f".{DERIVED_CHANNEL}"):  # standard litres are not the inlet's
                 del self._roles[str(channels["flow"])]
             self._roles[f"{DERIVED_DEVICE}.{DERIVED_CHANNEL}"] = "flow"
-        self._rows, self._event_lines = _Lines(folder / SAMPLES), _Lines(folder / EVENTS)
+        self._row_lines, self._event_lines = _Lines(folder / SAMPLES), _Lines(folder / EVENTS)
+        self._rows: deque[Reading] = deque()
+        self._new_events: deque[EventLine] = deque()
+        self._exchange = 1
         self._plateau_bytes = -1
         self._plateau_rows: list[PlateauRow] = []
 
@@ -163,7 +156,7 @@ class Tail:
         while self._events(until_s):
             pass
         self._plateaus(until_s)
-        if more or (until_s is not None and (self._rows.waiting() or self._event_lines.waiting())):
+        if more or (until_s is not None and (self._waiting_rows() or self._waiting_events())):
             self.state = state_of(None, True)
             return more
         if ended and self.end is None:
@@ -173,53 +166,54 @@ class Tail:
 
     def _samples(self, until_s: float | None) -> bool:
         """A block of rows; whether a block was there and all of it was due."""
-        waiting = self._rows.waiting()
+        waiting = self._waiting_rows()
         if not waiting:
             return False
         while waiting:
-            text = waiting[0].decode("utf-8", "replace")
-            cells = next(csv.reader([text])) if '"' in text else text.split(",")
-            if len(cells) != len(rows.COLUMNS):
-                raise RunError(f"{self._rows.path}: {len(cells)} cells, expected {len(rows.COLUMNS)}; it is damaged")
-            if cells[0] != "n":
-                time_s = self._number(cells[8])
-                if until_s is not None and time_s > until_s:
-                    return False
-                self._sample(cells, time_s)
-            waiting.popleft()
+            if until_s is not None and waiting[0].time_ns / NS > until_s:
+                return False
+            self._sample(waiting.popleft())
         return True
 
-    def _sample(self, cells: list[str], time_s: float) -> None:
+    def _waiting_rows(self) -> deque[Reading]:
+        """Rows not taken yet; some more are read where there are none."""
+        if not self._rows and (lines := self._row_lines.block()):
+            columns = columns_of(lines, self._row_lines.path, self._exchange)
+            count = len(columns["n"])
+            self._exchange = int(columns["exchange"][-1]) if count else 1
+            self._rows.extend(reading_of(columns, row) for row in range(count))
+        return self._rows
+
+    def _sample(self, reading: Reading) -> None:
         self.samples += 1
+        time_s = reading.time_ns / NS
         self.now_s = max(self.now_s, time_s)
-        channel = f"{cells[2]}.{cells[3]}"
+        channel = f"{reading.device}.{reading.channel}"
         role = self._roles.get(channel)
         if role is None:
             return
-        value = self._number(cells[4]) if cells[4] else None
-        shown = Shown(role, channel, value, cells[5], cells[6], time_s, int(self._number(cells[7])))
-        self.newest[role] = shown
-        if value is not None and shown.quality in USABLE:
-            self.bins[role].add(time_s, value)
-
-    def _number(self, cell: str) -> float:
-        try:
-            return float(cell)
-        except ValueError:
-            raise RunError(f"{self._rows.path}: '{cell[:40]}' is no number; the file is damaged") from None
+        quality = reading.quality.value
+        self.newest[role] = Shown(role, channel, reading.value, reading.unit, quality, time_s, reading.censored)
+        if reading.value is not None and quality in USABLE:
+            self.bins[role].add(time_s, reading.value)
 
     def _events(self, until_s: float | None) -> bool:
         """A block of events; whether there may be more."""
-        waiting = self._event_lines.waiting()
+        waiting = self._waiting_events()
         if not waiting:
             return False
         while waiting:
-            event = parse(EventLine, waiting[0], str(self._event_lines.path))
-            if until_s is not None and event.time_s > until_s:
+            if until_s is not None and waiting[0].time_s > until_s:
                 return False
-            self._event(event)
-            waiting.popleft()
+            self._event(waiting.popleft())
         return True
+
+    def _waiting_events(self) -> deque[EventLine]:
+        """Events not taken yet; some more are read where there are none."""
+        if not self._new_events:
+            path = self._event_lines.path
+            self._new_events.extend(event_of(data, number, path) for number, data in self._event_lines.block())
+        return self._new_events
 
     def _event(self, event: EventLine) -> None:
         self.now_s, self.last_event = max(self.now_s, event.time_s), event.n

@@ -57,15 +57,15 @@ class Ambient:
 
     def record(self) -> AmbientRecord:
         """As the run log keeps it."""
-        return AmbientRecord(**{name: getattr(self, name) for name in (*ROOM, "pressure_sd_bar")})
+        return AmbientRecord(**{name: getattr(self, name) for name in (*ROOM_COLUMNS, "pressure_sd_bar")})
 
     def told(self) -> dict[str, float | str]:
         """What a person has told of it, as the log keeps it."""
-        return {name: getattr(self, name) for name in (*ROOM, "minutes_running", "lubrication")}
+        return {name: getattr(self, name) for name in (*ROOM_COLUMNS, "minutes_running", "lubrication")}
 
     def words(self) -> str:
         """For people."""
-        figures = (f"{getattr(self, name) / figure.factor:.6g} {figure.unit}" for name, figure in FIGURES.items())
+        figures = (f"{getattr(self, name) / figure.factor:.6g} {figure.unit}" for name, figure in ROOM_FIGURES.items())
         return f"{', '.join(figures)} running, lubrication {self.lubrication}"
 
 
@@ -85,7 +85,7 @@ class _Figure:
     others: Mapping[str, float] = field(default_factory=dict)
 
 
-FIGURES = {
+ROOM_FIGURES = {
     "pressure_bar_abs": _Figure(
         "Ambient pressure [mbar; or with the unit behind it: 101.3 kPa], at this height and not reduced to sea level",
         500.0,
@@ -101,7 +101,7 @@ FIGURES = {
 }
 OPTIONS = {one.name: f"--{one.name.replace('_', '-')}" for one in fields(Given)}
 OPTIONS |= {"pressure_bar_abs": "--ambient-pressure-bar-abs", "temperature_c": "--ambient-temperature-c"}
-ROOM = ("pressure_bar_abs", "temperature_c", "relative_humidity")
+ROOM_COLUMNS = ("pressure_bar_abs", "temperature_c", "relative_humidity")
 
 
 def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -> Ambient:
@@ -137,14 +137,14 @@ def at_end(start: Ambient, minutes: float, ask: Ask | None = None) -> Ambient:
     end = replace(start, minutes_running=start.minutes_running + minutes)
     if ask is None:
         return end
-    names = [name for name in ROOM if start.sources.get(name) == "asked"]
+    names = [name for name in ROOM_COLUMNS if start.sources.get(name) == "asked"]
     return replace(end, **_all_asked(names, ask, start.told()))
 
 
 def _known(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
     known: dict[str, Any] = {}
     sources: dict[str, str] = {}
-    of_file = {name: getattr(bench.file.ambient, name) for name in ROOM}
+    of_file = {name: getattr(bench.file.ambient, name) for name in ROOM_COLUMNS}
     of_file["lubrication"] = bench.file.lubrication or None
     if bench.file.virtual is not None:
         of_file |= {"minutes_running": 0.0, "lubrication": bench.file.lubrication}
@@ -154,7 +154,7 @@ def _known(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
     for one in fields(Given):
         name, option = one.name, getattr(given, one.name)
         if option is not None:
-            known[name] = float(option) if name in FIGURES else str(option)[:MOST_TEXT]
+            known[name] = float(option) if name in ROOM_FIGURES else str(option)[:MOST_TEXT]
             sources[name] = "option"
         elif of_file.get(name) is not None:
             known[name], sources[name] = of_file[name], "bench file"
@@ -163,7 +163,7 @@ def _known(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
 
 def _implausible(name: str, option: Any) -> str:
     """What is wrong with an option; empty when it is plausible, or not given."""
-    figure = FIGURES.get(name)
+    figure = ROOM_FIGURES.get(name)
     if figure is None or option is None or figure.low <= option / figure.factor <= figure.high:
         return ""
     low, high = figure.low * figure.factor, figure.high * figure.factor
@@ -196,7 +196,7 @@ def _asked(name: str, ask: Ask | None, default: float | str | None, when: str, h
     """Put the question until the answer is plausible."""
     if ask is None:
         raise AmbientError(f"give {OPTIONS[name]}")
-    figure = FIGURES.get(name)
+    figure = ROOM_FIGURES.get(name)
     if figure is None:
         prompt = f"Lubrication (oil, when last given; Enter for {default or 'none'})"
     else:

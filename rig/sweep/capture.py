@@ -22,9 +22,9 @@ from rig.recording import DOWN_TO, LEAST_IN_A_RUN, UP_TO
 from rig.sweep.ambient import Ambient
 from rig.sweep.capturing import CaptureTask
 
-FIRST_LOOK_S, LONGEST_S = 1.0, 64.0
+FIRST_LOOK_S, LONGEST_LOOK_S = 1.0, 64.0
 SAMPLE_S = 1e-3
-KINDS = ("coast-down", "spin-up", "zero", "plateaus")
+CAPTURE_KINDS = ("coast-down", "spin-up", "zero", "plateaus")
 
 
 class CaptureError(SweepError):
@@ -74,7 +74,7 @@ def expected(motor: Motor, kind: str, level_bar_abs: float) -> Expected:
     """
     down = kind == "coast-down"
     length_s = FIRST_LOOK_S
-    while length_s <= LONGEST_S:
+    while length_s <= LONGEST_LOOK_S:
         try:
             run = (runs.coast_down if down else runs.spin_up)(motor, level_bar_abs * BAR, length_s, SAMPLE_S)
         except (OperatingPointError, NotSettledError) as error:
@@ -91,7 +91,7 @@ def expected(motor: Motor, kind: str, level_bar_abs: float) -> Expected:
         length_s *= 2.0
     why = "the motor does not start there; take a higher level"
     if reached > 0.0:
-        why = f"it takes more than {LONGEST_S / 2:g} s by the model; is the inertia in the motor's file right?"
+        why = f"it takes more than {LONGEST_LOOK_S / 2:g} s by the model; is the inertia in the motor's file right?"
     raise CaptureError(f"{kind} at {level_bar_abs:g} bar abs: {why}")
 
 

@@ -14,7 +14,7 @@ REST_TIMEOUT_S = 30.0
 MOMENT_UNKNOWN = (
     "the regulator took its set-point only when it was told again, so it is not known when the pressure began to change"
 )
-LONGEST_S = 30.0  # how long a coast-down waits for the line to be vented and the rotor to stand
+LONGEST_WAIT_S = 30.0  # how long a coast-down waits for the line to be vented and the rotor to stand
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Capturing:
             self.over, self.lost = True, lost
             return [SetPressure(VENTED), end]
         unquiet = judge.not_at_rest(view, self._ambient_bar)
-        if unquiet and passed_s < max(LONGEST_S, self.duration_s):
+        if unquiet and passed_s < max(LONGEST_WAIT_S, self.duration_s):
             return []  # the line is still emptying, or the rotor still runs out: that belongs to the coast-down
         self.over, self.lost = True, lost
         left = [Say(f"the coast-down ends after {passed_s:.0f} s, not at rest: {unquiet}", warning=True)]

@@ -51,8 +51,8 @@ def capture_course(
     `level_bar_abs`: absolute pressure [bar]; the bench file's capture level, or its highest level, when left out.
     Raises CaptureError when the bench cannot resolve it.
     """
-    if kind not in capture.KINDS:
-        raise capture.CaptureError(f"no capture is called '{kind:.40}'; known are {', '.join(capture.KINDS)}")
+    if kind not in capture.CAPTURE_KINDS:
+        raise capture.CaptureError(f"no capture is called '{kind:.40}'; known are {', '.join(capture.CAPTURE_KINDS)}")
     if kind == "zero":
         return _course(bench, ambient, [], [], ("start",))
     level = capture.level_of(bench) if level_bar_abs is None else level_bar_abs

@@ -15,10 +15,10 @@ from rig.virtual.devices.faults import BY_S, read_fault
 if TYPE_CHECKING:
     from rig.virtual.serve import VirtualServer
 
-MOST_REQUEST = 65536
+LONGEST_ORDER = 65536
 MOST_POINTS = 2000
 HIGHEST_BAR = 8.0
-ORDERS = ("state", "fault", "clear", "unplug", "plug", "power_cycle", "supply", "log", "quit")
+CONTROL_ORDERS = ("state", "fault", "clear", "unplug", "plug", "power_cycle", "supply", "log", "quit")
 
 
 class RequestError(ValueError):
@@ -51,7 +51,7 @@ class Control:
             line, buffer = buffer.split(b"\n", 1)
             answer = self._answer(line)
             self._wire.send(caller, json.dumps(answer).encode() + b"\n")
-        if buffer and len(buffer) <= MOST_REQUEST:
+        if buffer and len(buffer) <= LONGEST_ORDER:
             self._buffers[caller] = buffer
 
     def _answer(self, line: bytes) -> dict[str, Any]:
@@ -71,8 +71,8 @@ class Control:
         Raises RequestError, ConfigError when it cannot be done; nothing is changed then.
         """
         do = request.get("do")
-        if do not in ORDERS:
-            raise RequestError(f"do: {do!r:.40} is not one of {', '.join(ORDERS)}")
+        if do not in CONTROL_ORDERS:
+            raise RequestError(f"do: {do!r:.40} is not one of {', '.join(CONTROL_ORDERS)}")
         told: Callable[[Mapping[str, Any]], dict[str, Any] | None] = getattr(self, f"_{do}")
         self.server.world.plant.advance(self.server.clock.now_ns())
         return told(request) or {}

@@ -19,7 +19,7 @@ from typing import Any
 from rig.bench.bench import Bench
 from rig.by_hand.by_hand import faces_of, is_manual
 from rig.by_hand.conversation import COMMANDS, MOST_CHARACTERS, WAIT
-from rig.by_hand.manual import CLOSED
+from rig.by_hand.manual import CLOSED_QUESTION
 from rig.by_hand.prompter import PRESSURE_NOW
 from rig.instruments.manual import NOT_READ, EntryError, decode_entry, example, quantity, unit_on_face
 from spinbench.console.access import RefusedError
@@ -131,7 +131,7 @@ class Entries:
             return READINGS  # a countdown ends with them
         if self.channels and PRESSURE_NOW in question:
             return PRESSURE
-        return VENTED if CLOSED in question else LINE
+        return VENTED if CLOSED_QUESTION in question else LINE
 
     def _heard(self) -> tuple[int, int, list[str]]:
         """How much the run has said [bytes], where its last line begins [bytes], and its last lines."""

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from rig.readings import Quality
-from rig.runlog.plateaus import PRESSURES, PlateauRow
+from rig.recording.columns import PRESSURE
+from rig.runlog.plateaus import PlateauRow
 from rig.runlog.reader import BEING_WRITTEN
 from rig.runlog.schema import ADDED, CAPTURE, COURSE, EXPECTED, EndRecord, EventLine, ended
 from rig.runlog.tail import CHECK, STATE, Shown, Tail
@@ -252,10 +253,10 @@ def _speeds_expected(band: list[Any], pressures: list[list[float]], added_bar: f
 def point_of(row: PlateauRow, room_bar: float) -> list[Any] | None:
     """A plateau in the picture: pressure [bar abs], speed [rpm] and its error, whether it had settled, direction."""
     speed = row.means.get("speed_rpm")
-    pressure = next((row.means[name] for name in PRESSURES if name in row.means), None)
+    pressure = next((row.means[name] for name in PRESSURE if name in row.means), None)
     if speed is None or pressure is None:
         return None
-    bar = pressure.mean + (0.0 if PRESSURES[0] in row.means else room_bar)
+    bar = pressure.mean + (0.0 if PRESSURE[0] in row.means else room_bar)
     return [round(bar, 4), round(speed.mean, 2), round(speed.se or 0.0, 2), row.settled, row.direction]
 
 

@@ -13,7 +13,7 @@ from rig.bench.bench import Bench
 from rig.runlog import RunError
 from rig.runlog.folder import END
 from rig.runlog.reader import read_end, read_start
-from rig.sweep.ambient import FIGURES
+from rig.sweep.ambient import ROOM_FIGURES
 from spinbench.console.access import RefusedError
 from spinbench.console.entries import SAID, Entries, typed_into
 from spinbench.console.planned import Planned, bench_words
@@ -32,7 +32,7 @@ OPTIONS = (
 
 
 RANGES = {
-    name: tuple(FIGURES[key].factor * end for end in (FIGURES[key].low, FIGURES[key].high))
+    name: tuple(ROOM_FIGURES[key].factor * end for end in (ROOM_FIGURES[key].low, ROOM_FIGURES[key].high))
     for name, key in {
         "minutes_running": "minutes_running",
         "ambient_pressure_bar_abs": "pressure_bar_abs",

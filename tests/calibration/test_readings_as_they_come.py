@@ -22,7 +22,7 @@ from calibration.data.rows_used import few_used
 from calibration.data.runs import READ_LATE_S, scatter
 from calibration.data.runs_in_time import coast_down, lone_zeros, release
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.document import as_json, finite
+from calibration.diagnosis.document import as_json
 from calibration.diagnosis.steps.verdict import judge
 from calibration.report.diagnosis.words import sentence
 from calibration.systems.radial_piston.comparison import Comparison
@@ -31,6 +31,7 @@ from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.systems.radial_piston.predict.supply import line_unknowns
 from model.layout import RPM
 from rig.recording import Recording, RecordingError, SupplyFigures, read_recording
+from rig.recording.safe_text import finite
 from spinbench.progress import sampling
 from tests.diagnosis_recordings import add_coast_down, add_spin_up, polled, sweep
 from tests.five_on_three import five_on_three

@@ -26,7 +26,7 @@ from rig.recording import (
     read_recording,
     write_recording,
 )
-from rig.recording.columns import FIGURES, MEASURED, NAMES, NUMERIC
+from rig.recording.columns import FIGURES, MEASURED, NAMES, NUMERIC, other_spelling
 from tests import declared
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -731,10 +731,31 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path, change, word):
     assert bytes_under(tmp_path) == before
 
 
+@pytest.mark.parametrize(
+    ("name", "column", "what"),
+    [
+        ("Pressure (psig)", "pressure_bar_abs or pressure_bar_gauge", "multiply by 0.0689476"),
+        ("pressure_mpa_abs", "pressure_bar_abs", "multiply by 10"),
+        ("flow_cfm", "flow_l_min", "multiply by 28.3168"),
+        ("flow_kg_h", "flow_l_min", "divide by the air's density at the inlet, then multiply by 16.6667"),
+        ("flow_sccm", "flow_l_min", "bring standard litres to the inlet's pressure and temperature"),
+        ("torque_lbft", "torque_nm", "multiply by 1.35582"),
+        ("torque_nmm", "torque_nm", "divide by 1000"),
+        ("velocity_km_h", "velocity_m_s", "divide by 3.6"),
+        ("inlet_temperature_f", "inlet_temperature_c", "subtract 32, then divide by 1.8"),
+        ("inlet_temperature_k", "inlet_temperature_c", "subtract 273.15"),
+    ],
+)
+def test_a_quantity_in_another_unit_is_told_what_to_do(name, column, what):
+    assert other_spelling(name) == (column, what)
+
+
 def test_text_that_a_spreadsheet_would_run_is_written_harmless(tmp_path):
-    read = read_recording(put(tmp_path / "bench", sweep=HEADER.strip() + ",note\n1.6,44,232,=cmd()\n1.8,54,313,-1.5\n"))
+    read = read_recording(
+        put(tmp_path / "bench", sweep=HEADER.strip() + ",note\n1.6,44,232,=cmd()\n1.8,54,313,-1.5\n1.9,60,340, =1+1\n")
+    )
     write_recording(read, tmp_path / "copy")
-    assert read_recording(tmp_path / "copy").files[0].extra["note"].tolist() == ["'=cmd()", "-1.5"]
+    assert read_recording(tmp_path / "copy").files[0].extra["note"].tolist() == ["'=cmd()", "-1.5", "' =1+1"]
 
 
 # Large files

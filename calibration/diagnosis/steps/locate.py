@@ -180,22 +180,24 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
     force = one.force
     balance = "sensor" if acts_in == "sensor" else force.balance
     by_a_meter = "; by what is named, an instrument's error" if balance != force.balance else ""
-    span = f"most between {where[0]:.3g} and {where[1]:.3g} {force.unit}"
+    meter = METERS.get(force.channel, f"{force.channel} sensor")
+    between = f"between {where[0]:.3g} and {where[1]:.3g} {force.unit}".rstrip()
+    span = f"most {between}"
     of = f" of {force.recording}" if force.recording else ""
     kind = Kind.BALANCE
     if force.balance == "sensor" and force.coordinate == "time":
-        sentence = f"The {METERS[force.channel]}'s reading departs from the model's with time, {span}."
+        sentence = f"The {meter}'s reading departs from the model's with time, {span}."
     elif force.balance == "sensor":
         kind, verb = Kind.METER, "would do as well" if as_well else "is seen"
-        sentence = f"An error of the {METERS[force.channel]}{of} along its own range {verb}, {span}."
+        sentence = f"An error of the {meter}{of} along its own range {verb}, {span}."
     else:
-        largest = f"largest between {where[0]:.3g} and {where[1]:.3g} {force.unit}"
+        largest = f"largest {between}"
         along = f"depends on {force.coordinate}{of}, {largest}"
         if force.coordinate == "phase":
             along = f"in {force.file}{of} is {largest} after its start"
         elif force.coordinate == "angle":
             along = f"depends on the shaft's angle{of}: something comes with every turn"
-        sentence = f"The {NAMES[balance]} {along} (seen in the {force.channel}{by_a_meter})."
+        sentence = f"The {NAMES.get(balance, f'{balance} error')} {along} (seen in the {force.channel}{by_a_meter})."
     return Place(
         kind, force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same, force.recording
     )

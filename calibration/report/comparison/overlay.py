@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration.data.measurement import OBSERVED, Rows, gather
 from calibration.report import style
+from configs.units import STANDARD_BAR
 from rig.recording import Recording, RecordingError
 
 CHANNELS = (("speed", "rpm"), ("flow", "L/min"))
@@ -52,7 +53,7 @@ def _plateaus(recording: Recording) -> Rows | None:
 
 def _readings(recording: Recording, rows: Rows, channel: str) -> tuple[np.ndarray, np.ndarray]:
     """Pressure [bar abs] and the channel's readings on its scale, in its unit."""
-    room = recording.ambient.pressure_bar_abs or 1.01325
+    room = recording.ambient.pressure_bar_abs or STANDARD_BAR
     seen = getattr(rows, f"{channel}_state") == OBSERVED
     return (rows.pressure + np.where(rows.is_gauge, room, 0.0))[seen], getattr(rows, channel)[seen]
 

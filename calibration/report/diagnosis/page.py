@@ -21,6 +21,7 @@ from calibration.report.sets_in_words import in_a_row, title, titles
 from calibration.report.units import CAUTION, FAMILIAR, how_taken, on_an_axis, promise_in_short
 from model.effects import effects
 from model.effects.effect import EffectParameter
+from rig.recording.columns import IN_SI
 from rig.recording.dates import parsed
 
 if TYPE_CHECKING:
@@ -232,10 +233,10 @@ def _candidate_table(found: Diagnosis) -> Grid:
 def _error_table(held_out: Mapping[str, Any]) -> Grid:
     rows = []
     for key, before in held_out["rmse_before"].items():
-        channel, _, unit = key.partition("_")
-        familiar, factor = FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
+        quantity = IN_SI[key]
+        familiar, factor = FAMILIAR[quantity.si]
         after = held_out["rmse_after"].get(key, before)
-        rows.append((channel, f"{before * factor:.3g} {familiar}", f"{after * factor:.3g} {familiar}"))
+        rows.append((quantity.channel, f"{before * factor:.3g} {familiar}", f"{after * factor:.3g} {familiar}"))
     return Grid(("held-out error, rms", "before", "after"), tuple(rows))
 
 

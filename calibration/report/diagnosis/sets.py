@@ -24,6 +24,7 @@ from calibration.report.units import FAMILIAR
 from calibration.systems.radial_piston.predict.kinds import LINE, RUN, STANDING, VENTED
 from configs.units import BAR
 from model.effects import laws
+from rig.recording.columns import IN_SI
 
 MOST_SHOWN = 6  # sets
 LEAST_ODDS = 1e-3  # of a set whose f_overall is shown
@@ -143,10 +144,10 @@ def gain_in_words(held_out: Mapping[str, Any]) -> str:
     """What the held-out rows say, in a sentence or two."""
     falls = []
     for key, before in held_out["rmse_before"].items():
-        channel, _, unit = key.partition("_")
-        familiar, factor = FAMILIAR[{"m3_s": "m3/s", "rad_s": "rad/s"}[unit]]
+        quantity = IN_SI[key]
+        familiar, factor = FAMILIAR[quantity.si]
         after = held_out["rmse_after"].get(key, before)
-        falls.append(f"from {before * factor:.2g} to {after * factor:.2g} {familiar} in the {channel}")
+        falls.append(f"from {before * factor:.2g} to {after * factor:.2g} {familiar} in the {quantity.channel}")
     gain = gain_in_figures(held_out)
     went = f"the error (rms) went {listed(falls)}. It predicts them "
     if held_out["kind"] == Predicted.UNSEEN_RUN:

@@ -17,8 +17,8 @@ from calibration.unknowns.priors import Unknown, column_of
 from configs.units import BAR
 from model import layout as at
 from model.solvers import steady
+from rig.recording.columns import OF_CHANNEL
 
-UNITS = {"pressure": "bar", "flow": "L/min", "speed": "rpm"}
 GRID_POINTS = 41
 NOISE_NODES = ndtri((np.arange(15) + 0.5) / 15.0)  # of a standard normal, equally probable: bands without raggedness
 TARGET = "f_overall"
@@ -89,7 +89,7 @@ def channels(found: Fit) -> list[Channel]:
     return [
         Channel(
             name,
-            UNITS[name],
+            OF_CHANNEL[name].unit,
             getattr(rows, name),
             reading_sd(found, name, rows),
             getattr(rows, f"{name}_state"),

@@ -18,6 +18,7 @@ from calibration.report.origin import origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, versions
 from model.motor import Motor
 from rig.recording import Recording
+from rig.recording.columns import NUMERIC, OF_CHANNEL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -133,8 +134,8 @@ def _suspect_table(suspects: list[numbers.Suspect]) -> Grid:
             one.row.file,
             one.row.channel,
             str(one.row.row),
-            f"{figure(one.reading)} {numbers.UNITS[one.channel]}",
-            f"{rounded(one.expected, one.sd)} ± {uncertainty(one.sd)} {numbers.UNITS[one.channel]}",
+            f"{figure(one.reading)} {OF_CHANNEL[one.channel].unit}",
+            f"{rounded(one.expected, one.sd)} ± {uncertainty(one.sd)} {OF_CHANNEL[one.channel].unit}",
             probability(one.row.probability),
         )
         for one in suspects
@@ -211,11 +212,10 @@ def _instrument_table(recording: Recording) -> Grid:
     header = ("column", "unit", "noise, 1 sd", "offset, 1 sd", "scale, 1 sd", "resolution", "taken by default")
     rows = []
     for column, channel in recording.channels.items():
-        unit = numbers.UNITS.get(column.partition("_")[0], "its column's")
         figures = (channel.noise_sd, channel.bias_sd, channel.scale_sd, channel.resolution)
         texts = [figure(value) for value in figures]
         texts[2] = f"{figure(100 * channel.scale_sd)} %"
-        rows.append((column, unit, *texts, ", ".join(channel.defaulted) or "nothing"))
+        rows.append((column, NUMERIC[column].unit, *texts, ", ".join(channel.defaulted) or "nothing"))
     return Grid(header, tuple(rows), 2)
 
 

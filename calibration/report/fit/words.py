@@ -12,10 +12,11 @@ from calibration.data.measurement import OBSERVED
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior
 from calibration.fit.whole import WholeFit
-from calibration.report.fit.numbers import TARGET, UNITS, Suspect, strongest
+from calibration.report.fit.numbers import TARGET, Suspect, strongest
 from calibration.report.sets_in_words import listed
 from calibration.unknowns.priors import Error, OfEffect, OfInstrument, Unknown, full_name
 from model.effects import effects
+from rig.recording.columns import OF_CHANNEL
 
 INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
 ERRORS = {
@@ -176,7 +177,7 @@ def prior_dominates(found: AnyFit) -> bool:
 
 def suspect_in_words(one: Suspect) -> str:
     """A suspect reading in a sentence."""
-    unit = UNITS[one.channel]
+    unit = OF_CHANNEL[one.channel].unit
     sd = "" if not math.isfinite(one.sd) or one.sd <= 0.0 else f" ± {uncertainty(one.sd)}"
     expected = f"{rounded(one.expected, one.sd) if sd else figure(one.expected)}{sd}"
     return (

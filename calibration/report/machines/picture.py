@@ -11,7 +11,7 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.likelihood.mode import Mode
 from calibration.report import style
 from calibration.report.sets_in_words import title
-from model.layout import L_MIN, RPM
+from rig.recording.columns import Known
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,22 +45,25 @@ def picture(found: Diagnosis) -> Figure:
 
 
 def _label(found: Diagnosis, channel: str) -> str:
-    drive = "force, N" if found.comparison.problem.slides else "torque, N m"
-    words = {"drive": drive, "speed": "speed, rpm", "flow": "flow, L/min", "pressure": "pressure, bar"}
-    return "reading less model: " + words[channel]
+    known = found.comparison.problem.quantity(channel)
+    return "reading less model: " + _with_unit(known.channel if channel == "drive" else channel, known)
 
 
 def _along(found: Diagnosis) -> tuple[str, str, float]:
     """The coordinate that is drawn along, its label, and what a value in SI is multiplied by [-]."""
     known = found.comparison.problem.system.coordinates()
-    speed = ("speed, m/s", 1.0) if found.comparison.problem.slides else ("speed, rpm", RPM)
-    drawn = {"speed": speed, "pressure": ("pressure, bar", 1e-5), "time": ("time, s", 1.0)}
-    name = next(name for name in drawn if all(name in one for one in known))
-    return (name, *drawn[name])
+    names = dict.fromkeys(("speed", "pressure", "time", *(name for one in known for name in one)))
+    name = next((name for name in names if all(name in one for one in known)), "reading")
+    quantity = found.comparison.problem.quantity(name)
+    return name, _with_unit(name, quantity), 1.0 / quantity.to_si
+
+
+def _with_unit(name: str, quantity: Known) -> str:
+    return f"{name}, {quantity.unit}" if quantity.unit else name
 
 
 def _panel(axes: Axes, found: Diagnosis, channel: str, fit: Mode, colour: str) -> None:
-    factor = {"speed": RPM, "flow": L_MIN, "pressure": 1e-5}.get(channel, 1.0)
+    factor = 1.0 / found.comparison.problem.quantity(channel).to_si
     of_speed = _along(found)[2]
     speed, rest = _of(found, channel, fit)
     axes.axhline(0.0, color=style.FAINT, linewidth=0.8)
@@ -85,6 +88,6 @@ def _of(found: Diagnosis, channel: str, fit: Mode) -> tuple[np.ndarray, np.ndarr
     left = found.comparison.noise.split(found.comparison.read - fit.prediction)
     mine = [i for i, one in enumerate(found.comparison.problem.readings) if one.channel == channel]
     return (
-        np.concatenate([known[i][_along(found)[0]] for i in mine]),
+        np.concatenate([known[i].get(_along(found)[0], np.arange(left[i].size)) for i in mine]),
         np.concatenate([left[i] for i in mine]),
     )

@@ -9,7 +9,7 @@ from calibration.report.render import findings
 from calibration.report.sets_in_words import in_a_row, titles
 from calibration.report.units import CAUTION, promise_in_words, times_to_take
 from model.effects import effects
-from model.layout import L_MIN
+from rig.recording.columns import IN_SI
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
 LEFT_P = 0.01
 MOST_ROWS = 6
-UNITS = {"force_n": ("N", 1.0), "torque_nm": ("N m", 1.0), "speed_rad_s": ("rad/s", 1.0), "flow_m3_s": ("L/min", L_MIN)}
-UNITS |= {"pressure_pa": ("bar", 1e-5)}
 
 
 def sentence(document: Mapping[str, Any]) -> str:
@@ -74,14 +72,22 @@ def held_out_in_words(document: Mapping[str, Any]) -> list[str]:
         return []
     said = []
     for key, before in held_out["rmse_before"].items():
-        unit, factor = UNITS[key]
+        unit, factor = _unit(key)
         after, size = held_out["rmse_after"][key], held_out["rms_of_readings"][key]
         shares = f": from {before / size:.1%} to {after / size:.1%} of the readings" if before < size else ""
-        said.append(f"error from {before * factor:.3g} to {after * factor:.3g} {unit}{shares}")
+        said.append(f"error from {before * factor:.3g} to {after * factor:.3g}{unit}{shares}")
     gain = f"{held_out['elpd_gain']:.1f} ± {held_out['elpd_gain_se']:.1f}"
     of_figures = held_out.get("elpd_gain_of_declared_figures")
     more = f", and {of_figures:.1f} over the declared figures" if of_figures is not None else ""
     return [*said, f"log likelihood of unseen readings {gain}, in {held_out['folds']} block(s){more}"]
+
+
+def _unit(key: str) -> tuple[str, float]:
+    """The unit that an error is told in, behind a space, and the factor to it; a speed as effects have theirs."""
+    known = IN_SI.get(key)
+    if known is None:
+        return "", 1.0
+    return (f" {known.si}", 1.0) if known.channel == "speed" else (f" {known.unit}", 1.0 / known.to_si)
 
 
 def friction_in_words(document: Mapping[str, Any]) -> list[tuple[str, str]]:

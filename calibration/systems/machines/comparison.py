@@ -210,9 +210,8 @@ class Comparison:
 
     def channels(self) -> dict[str, np.ndarray]:
         """Which readings are of which channel: masks of shape (m,)."""
-        drive = "force_n" if self.problem.slides else "torque_nm"
-        keys = {"drive": drive, "speed": "speed_rad_s", "flow": "flow_m3_s", "pressure": "pressure_pa"}
-        each = np.repeat([keys[one.channel] for one in self.readings], [one.value.size for one in self.readings])
+        keys = [self.problem.quantity(one.channel).name_si for one in self.readings]
+        each = np.repeat(keys, [one.value.size for one in self.readings])
         return {key: each == key for key in sorted(set(each.tolist()))}
 
     def folds(self) -> tuple[list[np.ndarray], str]:

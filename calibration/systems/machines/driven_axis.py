@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from calibration.systems.machines.readings import SI_UNITS, TO_SI, Flat, Readings, noise_sd
+from calibration.systems.machines.readings import TO_SI, Flat, Readings, noise_sd
 from calibration.systems.machines.system import Coordinates, Simulate, pieces_of, segments
 from calibration.systems.machines.table import MachineTable, instrument, rows_used, transients
 from calibration.unknowns.priors import Error, OfInstrument, Unknown
@@ -16,6 +16,7 @@ from model.effects.laws import Chosen
 from model.rigs.driven_axis import LOAD_AREA, Blocks, blocks_of, drive
 from model.rigs.state import Sizes
 from rig.recording import RecordingError, RecordingFile
+from rig.recording.columns import NUMERIC
 
 MOST_BLOCKS = 600  # a file is cut into at most so many
 LEAST_ROWS = 5  # of a block, in a file that has enough of them
@@ -184,7 +185,7 @@ def _zeros_of_runs(table: MachineTable, files: Files, of_drive: str, area: float
         return []
     why = "the zeros of a run, beside those of the recording"
     of = [OfInstrument("drive", Error.OFFSET, file.file) for file, _ in files]
-    return [Unknown(f"{one.file}.drive_offset", SI_UNITS[of_drive], "normal", 0.0, zero, why, one) for one in of]
+    return [Unknown(f"{one.file}.drive_offset", NUMERIC[of_drive].si, "normal", 0.0, zero, why, one) for one in of]
 
 
 def _sizes(files: Files, readings: Sequence[Readings]) -> Sizes:

@@ -41,10 +41,9 @@ def _along(problem: Problem, mine: list[bool], balance: str, coordinate: str, fr
             pieces[np.arange(piece.size), piece] = size
             pieces = problem.system.answer(i, pieces, balance, friction)
         columns.append(pieces)
-    unit = {"speed": "m/s" if problem.slides else "rad/s", "pressure": "Pa", "time": "s"}[coordinate]
-    channel = problem.readings[used[0]].channel
+    unit, channel = problem.quantity(coordinate).si, problem.readings[used[0]].channel
     if channel == "drive":
-        channel = "force" if problem.slides else "torque"
+        channel = problem.quantity(channel).channel
     return [Force(channel, balance, coordinate, unit, np.vstack(columns), spans(edges))]
 
 
@@ -68,7 +67,7 @@ def same_coordinates(problem: Problem, coordinate: str) -> tuple[str, ...]:
 
     known = [one for one in problem.system.coordinates() if coordinate in one]
     found = []
-    for other in ("speed", "pressure", "time"):
+    for other in dict.fromkeys(("speed", "pressure", "time", *(name for one in known for name in one))):
         if other == coordinate or not known or any(other not in one for one in known):
             continue
         a, b = (np.concatenate([np.abs(one[name]) for one in known]) for name in (coordinate, other))

@@ -16,9 +16,11 @@ from calibration.unknowns.priors import OfInstrument, OfRun, Unknown
 from model.effects import Effect, EffectParameter, effects
 from model.rigs.state import scaled
 from rig.recording import Recording, RecordingError
+from rig.recording.columns import Known, quantity
 
 COMMON = ("coulomb_friction", "stribeck_friction", "windage", "friction_warm_up")  # what any machine may have
 NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
+OF_AXIS, OF_SLIDE = {"drive": "torque"}, {"drive": "force", "speed": "velocity"}  # quantities by another name
 WIDE = 10.0  # sizes: the prior's deviation of an unknown of which nothing is known
 FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
 LEAST = 1e-9  # share of their prior's middle to which friction and displacement may fall
@@ -138,6 +140,10 @@ class Problem:
     def in_si(self, nuisance: str) -> float:
         """What a nuisance's value is multiplied by to be SI [-]: all are."""
         return 1.0
+
+    def quantity(self, name: str) -> Known:
+        """What a channel or a coordinate is measured in; "drive" is a torque, and a slide's a force."""
+        return quantity((OF_SLIDE if self.slides else OF_AXIS).get(name, name))
 
     def run_of(self, i: int) -> int | None:
         """The file that a nuisance belongs to alone; None where it is of the whole recording [-]."""

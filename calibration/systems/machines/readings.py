@@ -7,14 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.unknowns.priors import OfRun
-from configs.units import BAR
-from model.layout import L_MIN, RPM
 from rig.recording import Recording, RecordingFile
+from rig.recording.columns import NUMERIC
 
-TO_SI = {"torque_nm": 1.0, "force_n": 1.0, "velocity_m_s": 1.0, "angle_rad": 1.0, "speed_rpm": 1.0 / RPM}
-TO_SI |= {"flow_l_min": 1.0 / L_MIN, "pressure_bar_abs": BAR, "pressure_bar_gauge": BAR}
-SI_UNITS = {"torque_nm": "N m", "force_n": "N", "velocity_m_s": "m/s", "angle_rad": "rad", "speed_rpm": "rad/s"}
-SI_UNITS |= {"flow_l_min": "m3/s", "pressure_bar_abs": "Pa", "pressure_bar_gauge": "Pa"}
+TO_SI = {known.column: known.to_si for known in NUMERIC.values()}
 SAME_SPEED, SAME_PRESSURE = 0.03, 0.005  # relative: rows closer than this are at one state
 ROWS_EACH = 4  # on average, from which on rows are taken together
 MOST_ALIKE = 0.9

@@ -63,7 +63,7 @@ class System(Protocol):
         """
 
     def coordinates(self) -> list[Coordinates]:
-        """Of each of ``readings``: its speed (with its sign), the time on its own clock, the pressure [SI]."""
+        """Of each of ``readings`` its speed (with its sign), the time on its own clock, pressure or others [SI]."""
 
     def answer(self, i: int, pieces: np.ndarray, balance: str, friction: float) -> np.ndarray:
         """What torques, forces or flows do to the readings ``i`` [SI], shape (n, k).

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from calibration.data.runs_in_time import why_left
-from calibration.systems.machines.readings import SI_UNITS, TO_SI
 from calibration.unknowns.priors import Unknown, off
 from configs.units import BAR, ZERO_C
 from model.rigs.state import AMBIENT_PA, ROOM_K
 from rig.recording import Recording, RecordingFile
+from rig.recording.columns import NUMERIC
 
 
 @dataclass(frozen=True)
@@ -64,5 +64,5 @@ def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> dict[str, 
 
 def instrument(recording: Recording, channel: str, column: str) -> list[Unknown]:
     """Offset and scale of an instrument, where its recording declares that they may be off."""
-    figures = recording.channels[column]
-    return off(channel, column, figures.bias_sd * TO_SI[column], SI_UNITS[column], figures.scale_sd)
+    figures, known = recording.channels[column], NUMERIC[column]
+    return off(channel, column, figures.bias_sd * known.to_si, known.si, figures.scale_sd)

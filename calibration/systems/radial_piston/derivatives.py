@@ -10,8 +10,9 @@ import numpy as np
 from calibration.systems.radial_piston.predict import wheel
 from calibration.systems.radial_piston.predict.in_time import follows_angle
 from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, STANDING
-from calibration.systems.radial_piston.predict.nuisances import SI_OF, TURN
+from calibration.systems.radial_piston.predict.nuisances import TURN
 from calibration.unknowns.priors import Error, OfInstrument, OfRun
+from rig.recording.columns import OF_CHANNEL
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
@@ -50,8 +51,8 @@ def _of_an_instrument(comparison: Comparison, i: int, of: OfInstrument, raw: np.
     unknown = problem.nuisances[i]
     mine = np.isin(comparison.kind, (FLOW, STANDING)) if of.channel == "flow" else comparison.kind > FLOW
     if of.error is Error.OFFSET:
-        return np.where(mine, unknown.b * SI_OF[of.channel], 0.0)
+        return np.where(mine, unknown.b * OF_CHANNEL[of.channel].to_si, 0.0)
     scale = 1.0 + unknown.b * z[i]
     place = problem.place(f"{of.channel}_{Error.OFFSET}")
-    offset = 0.0 if place is None else problem.nuisances[place].b * z[place] * SI_OF[of.channel]
+    offset = 0.0 if place is None else problem.nuisances[place].b * z[place] * OF_CHANNEL[of.channel].to_si
     return np.where(mine, (raw - offset) / scale * unknown.b, 0.0)

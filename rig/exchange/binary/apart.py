@@ -20,7 +20,7 @@ from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
 MOST_MEMORY = 8_000_000_000  # bytes
-MOST_S = 1800.0
+GIVEN_UP_S = 1800.0
 MOST_CPU_S = 30  # of a small file: a damaged one can send its reader round in circles
 MOST_CPU_S_PER_MB = 2
 NEEDS = {"tdms": "nptdms", "mat": "scipy", "hdf5": "h5py", "mdf": "asammdf"}  # reader: the package that it needs
@@ -65,7 +65,7 @@ def _asked(what: str, reader: str, path: Path, group: str, wanted: Wanted) -> An
     words = [str(MOST_CPU_S + MOST_CPU_S_PER_MB * megabytes), what, reader, str(path), group, json.dumps(list(wanted))]
     command = [sys.executable, "-P", "-W", "ignore", "-m", "rig.exchange.binary.apart", *words]
     try:
-        done = subprocess.run(command, capture_output=True, timeout=MOST_S, check=False)
+        done = subprocess.run(command, capture_output=True, timeout=GIVEN_UP_S, check=False)
         answer = json.loads(done.stdout) if done.returncode == 0 else {}
     except (subprocess.TimeoutExpired, ValueError):
         answer = {}

@@ -11,7 +11,7 @@ from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 
 MAX_BYTES = 500_000_000  # of a file
-MAX_COLUMNS = 4096
+MAX_SERIES = 4096
 MAX_ROWS = 20_000_000
 FEW = 60  # cells that a listing shows
 WAVEFORM_TIME = "@time"  # the time track of channels that have clocks
@@ -69,6 +69,6 @@ def of_one_length(place: str, headings: list[str], columns: list[Cells], clocks:
     if len({len(column) for column in columns}) > 1:
         listed = ", ".join(f"'{shown(name)}' {len(cells)}" for name, cells in zip(headings, columns, strict=True))
         raise RunError(f"{place}: the columns differ in length ({listed}); save those that belong together")
-    if len(columns) > MAX_COLUMNS:
-        raise RunError(f"{place}: {len(columns)} columns; at most {MAX_COLUMNS} are read")
+    if len(columns) > MAX_SERIES:
+        raise RunError(f"{place}: {len(columns)} columns; at most {MAX_SERIES} are read")
     return Columns(place, headings, columns, clocks)

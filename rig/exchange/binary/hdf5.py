@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from rig.exchange.binary.clocks import Channel, Clock, on_one_time_line
 from rig.exchange.binary.columns import (
     FEW,
-    MAX_COLUMNS,
     MAX_ROWS,
+    MAX_SERIES,
     WAVEFORM_TIME,
     Cells,
     Columns,
@@ -90,8 +90,8 @@ def _names(root: Any, path: Path) -> list[str]:
     names: list[str] = []
 
     def see(name: str, found: Any) -> None:
-        if len(names) > MAX_COLUMNS:
-            raise RunError(f"{path}: more than {MAX_COLUMNS} datasets; name a group in [table], or the columns")
+        if len(names) > MAX_SERIES:
+            raise RunError(f"{path}: more than {MAX_SERIES} datasets; name a group in [table], or the columns")
         if isinstance(found, h5py.Dataset) and found.shape and found.size == max(found.shape) and found.size > 1:
             fields = found.dtype.names or ()
             names.extend([f"{name}/{field}" for field in fields] or [name] * (found.dtype.kind in "biufOSU"))

@@ -12,13 +12,13 @@ from rig.exchange.cells import DAY_S, Cell
 from rig.exchange.guess.headings import INLET, Heading, read_heading
 from rig.exchange.guess.layout import DATE, TIME_OF_DAY
 from rig.exchange.guess.look import Key, Seen, Source
-from rig.exchange.units import DATED, UNITS, known_units
-from rig.recording.columns import MEASURED
+from rig.exchange.units import known_units
+from rig.recording.columns import MEASURED, PRESSURE
 from rig.recording.mistakes import shown
+from rig.recording.units import DATED, UNITS
 
 DIRECTIONS = {"up": ("up", "auf", "rising", "increasing", "steigend"), "down": ("down", "ab", "falling", "fallend")}
 EXCEL_DAYS = (20_000.0, 80_000.0)  # 1954 to 2119
-PRESSURES = ("pressure_bar_abs", "pressure_bar_gauge")
 ANOTHER_DAY_S = DAY_S / 2.0
 DATES_ALONE, TIMES = "dates", "times"
 
@@ -47,7 +47,7 @@ def proposed_columns(source: Source) -> tuple[list[Proposed], list[str]]:
             unknown.append(f"{_called(column)}: {_range(column, source)}")
     clocked = [column for column in source.columns if column.clocked]
     left_out = [one for one in found if _is_outdone(one, found, bool(clocked))]
-    unknown += [one.seen for one in left_out if one.name != PRESSURES[1]]
+    unknown += [one.seen for one in left_out if one.name != PRESSURE[1]]
     found = [one for one in found if one not in left_out]
     if clocked:
         others = len(clocked) < len(source.columns)
@@ -60,7 +60,7 @@ def _is_outdone(one: Proposed, found: Sequence[Proposed], has_clock: bool) -> bo
     """Whether another column says its unit and this does not, or it is a time beside the channels' own clock."""
     if one.name == "time_s":
         return has_clock
-    same = PRESSURES if one.name in PRESSURES else (one.name,)
+    same = PRESSURE if one.name in PRESSURE else (one.name,)
     return not one.keys.get("unit") and any(other.name in same and other.keys.get("unit") for other in found)
 
 
@@ -111,7 +111,7 @@ def _of_column(column: Seen, source: Source) -> list[Proposed]:
 
 def _of_pressure(column: Seen, heading: Heading, doubts: list[str], seen: str) -> list[Proposed]:
     unit, absolute = heading.unit.removesuffix(" abs").removesuffix(" gauge"), heading.is_absolute
-    names = PRESSURES if absolute is None else PRESSURES[not absolute :][:1]
+    names = PRESSURE if absolute is None else PRESSURE[not absolute :][:1]
     if absolute is None:
         doubts = [*doubts, "nothing says whether it is absolute or gauge: take one of the two"]
     ends = {"pressure_bar_abs": "abs", "pressure_bar_gauge": "gauge"}

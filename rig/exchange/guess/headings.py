@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from rig.exchange.units import PRESSURES, QUANTITIES, UNITS, unit_called
+from rig.recording.units import PRESSURE_UNITS, QUANTITIES_OF, UNITS, unit_called
 
 # Words, in lower case, that name a column; a word counts where it stands alone, and of four letters or more within one.
 WORDS = {
@@ -87,12 +87,12 @@ def _parted(text: str) -> tuple[str, str, str]:
 
 
 def _columns_of(unit: str) -> tuple[str, ...]:
-    if unit in PRESSURES:
+    if unit in PRESSURE_UNITS:
         return ("pressure",)
     quantity = UNITS[unit].quantity if unit else ""
     if quantity in ("absolute pressure", "gauge pressure"):
         return ("pressure",)
-    return tuple(name for name, quantities in QUANTITIES.items() if quantity in quantities)
+    return tuple(name for name, quantities in QUANTITIES_OF.items() if quantity in quantities)
 
 
 def _named_by(words: frozenset[str], has_unit: bool) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rig.exchange.cells import Cell
-from rig.exchange.units import unit_called
+from rig.recording.units import unit_called
 
 Rows = Sequence[tuple[int, list[str]]]
 TIME_OF_DAY = re.compile(r"\d{1,2}:\d{2}")

@@ -10,8 +10,8 @@ from pathlib import Path
 from rig.exchange.guess.columns import Proposed, proposed_columns
 from rig.exchange.guess.look import Source, look_at
 from rig.exchange.mapping import FORMAT
-from rig.exchange.units import UNITS
 from rig.recording.mistakes import shown
+from rig.recording.units import UNITS
 
 HEAD = f"""\
 # Proposed from a look at {{name}}. Nothing was imported. Read every line. What is not sure is commented, with why: set

@@ -13,7 +13,7 @@ SYNC, EDGE, HEARTBEAT = 0xA5, 0x45, 0x48
 FRAME_BYTES = 10
 EDGES_LOST, INDEX = 1, 2  # flags
 CRC_POLYNOMIAL = 0x07
-DRIFT = 100e-6  # by which two crystals part at most [s/s]
+CRYSTALS_PART = 100e-6  # by which two crystals part at most [s/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class Counting:
 class DeviceClock:
     """Lays the device's clock on the bench's: arrival less latency, by the frame that was quickest.
 
-    An older frame counts for less: since it came the clocks may have parted by `DRIFT`.
+    An older frame counts for less: since it came the clocks may have parted by `CRYSTALS_PART`.
     """
 
     def __init__(self) -> None:
@@ -142,4 +142,4 @@ class DeviceClock:
         if self._seen is None:
             return 0
         arrival_ns, offset_ns = self._seen
-        return offset_ns + int(DRIFT * (self._now_ns - arrival_ns))
+        return offset_ns + int(CRYSTALS_PART * (self._now_ns - arrival_ns))

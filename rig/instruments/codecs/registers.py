@@ -11,7 +11,7 @@ Order = Literal["big", "little"]
 
 _FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f", "u64": ">Q", "i64": ">q", "f64": ">d"}
 # What manuals call the orders of a number's bytes: the order of its words, and of the bytes within a word.
-ORDERS: dict[str, tuple[Order, Order]] = {
+WORD_ORDERS: dict[str, tuple[Order, Order]] = {
     "ABCD": ("big", "big"),
     "CDAB": ("little", "big"),
     "BADC": ("big", "little"),

@@ -40,11 +40,11 @@ ONCE = {
     "unplug": "the cable is out for by_s",
     "power_cycle": "the device is without power for by_s, and starts as from the factory",
 }
-KINDS = BYTES | MODBUS | NUMBERS | VALUES | ONCE
+FAULT_KINDS = BYTES | MODBUS | NUMBERS | VALUES | ONCE
 BY_S = {"late": 0.5, "split": 0.05, "unplug": 3.0, "power_cycle": 2.0}
-MOST_S = 1e6
+LONGEST_FAULT_S = 1e6
 
-NotNegative = Annotated[float, pydantic.Field(ge=0.0, le=MOST_S)]
+NotNegative = Annotated[float, pydantic.Field(ge=0.0, le=LONGEST_FAULT_S)]
 
 
 class Fault(Strict):
@@ -60,7 +60,7 @@ class Fault(Strict):
     device: str = ""
     chance: Annotated[float, pydantic.Field(gt=0.0, le=1.0)] = 1.0
     from_s: NotNegative = 0.0
-    to_s: NotNegative = MOST_S
+    to_s: NotNegative = LONGEST_FAULT_S
     by_s: NotNegative | None = None
     count: Annotated[int, pydantic.Field(ge=1, le=64)] = 3
     code: Annotated[int, pydantic.Field(ge=1, le=255)] = 4
@@ -95,8 +95,8 @@ def read_fault(table: Mapping[str, Any], place: Place, where: str) -> Fault:
 
 
 def _mistakes(fault: Fault, table: Mapping[str, Any], place: Place) -> Iterable[str]:
-    if fault.kind not in KINDS:
-        yield f"there is no fault '{fault.kind[:40]}'; known: {', '.join(KINDS)}"
+    if fault.kind not in FAULT_KINDS:
+        yield f"there is no fault '{fault.kind[:40]}'; known: {', '.join(FAULT_KINDS)}"
         return
     devices = {device: line for line, found in place.devices_of.items() for device in found}
     if bool(fault.line) == bool(fault.device):

@@ -15,7 +15,7 @@ from rig.readings import NS
 from rig.virtual.devices.faults import Faults
 from rig.virtual.plant.truth import Turning
 
-DRIFT = 0.2  # of bias_sd in DRIFT_S, 1 sigma
+DRIFT_SHARE = 0.2  # of bias_sd in DRIFT_S, 1 sigma
 DRIFT_S = 1000.0
 
 
@@ -118,7 +118,7 @@ class Sensor:
         self._chance = generator(seed, device, channel)
         self.bias = (figures.bias_sd or 0.0) * self._chance.standard_normal()
         self.scale = (figures.scale_sd or 0.0) * self._chance.standard_normal()
-        self.drift_per_s = (figures.bias_sd or 0.0) * DRIFT / DRIFT_S * self._chance.standard_normal()
+        self.drift_per_s = (figures.bias_sd or 0.0) * DRIFT_SHARE / DRIFT_S * self._chance.standard_normal()
         self._counts = channel.startswith("speed")  # marks that pass: none at standstill, and never fewer
         self._last: float | None = None
         self._last_ns = 0

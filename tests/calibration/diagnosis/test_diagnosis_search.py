@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from calibration.challenge.second_rig import draw, make_recording
+from calibration.data.joined import GAP_S
 from calibration.diagnosis import as_json, diagnose, together
 from calibration.diagnosis.mismatch import detect_mismatch, fit_base
 from calibration.diagnosis.steps.confirm import summed_up
@@ -510,6 +511,14 @@ def test_recordings_of_one_bench_are_diagnosed_together(tmp_path: Path) -> None:
     assert [file.file for file in both.files] == ["one/sweep.csv", "other/sweep.csv"]
     assert both.files[1].start_s > float(one.files[0].columns["time_s"].values[-1])
     assert Problem(both).blocks.plateaus.size == 2 * Problem(one).blocks.plateaus.size
+
+
+def test_rows_without_a_time_take_none_on_the_clock_of_recordings_together(tmp_path: Path) -> None:
+    one = recordings.sweep(tmp_path / "one", 9, {})
+    file = one.files[0]
+    bare = replace(file, columns={name: column for name, column in file.columns.items() if name != "time_s"})
+    first, second = together([replace(one, files=(bare,)), replace(one, folder=tmp_path / "other")]).files
+    assert second.start_s - first.start_s == GAP_S
 
 
 def test_recordings_of_other_weather_are_not_mixed(tmp_path: Path) -> None:

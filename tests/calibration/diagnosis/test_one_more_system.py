@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,9 +14,10 @@ import pytest
 import calibration.systems.machines as room
 import rig.recording.schema as schema
 from calibration.diagnosis import as_json, diagnose
-from calibration.report.machines import page
+from calibration.report.machines import page, words
 from calibration.systems.machines.system import systems
 from rig.recording import Recording, read_recording
+from rig.recording.files import json_bytes
 from tests.documented_python import cells_of
 
 PAGE = "docs/tutorials/own-machine.md"
@@ -23,10 +25,11 @@ TABLE, SYSTEM = (next(c.code for c in cells_of(PAGE) if f"class {name}" in c.cod
 R, T, AMBIENT, VOLUME, AREA = 287.05, 293.15, 101_325.0, 0.05, 4e-6
 
 
-@pytest.fixture
-def one_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The tool with a tank in it."""
-    (tmp_path / "tank.py").write_text(f"{SYSTEM}\n\nSYSTEM = Tank\n", encoding="utf-8")
+@pytest.fixture(params=["pressure"])
+def one_more(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The tool with a tank in it, whose channel and coordinate have a name."""
+    system = SYSTEM.replace('"pressure"', f'"{request.param}"')
+    (tmp_path / "tank.py").write_text(f"{system}\n\nSYSTEM = Tank\n", encoding="utf-8")
     monkeypatch.setattr(room, "__path__", [*room.__path__, str(tmp_path)])
     (tmp_path / "tank_table.py").write_text(TABLE, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
@@ -64,11 +67,20 @@ def test_a_tank_that_only_drains_lacks_nothing(tmp_path: Path) -> None:
     assert (found["rig"], found["verdict"]) == ("tank", "consistent")
 
 
+@pytest.mark.parametrize("one_more", ["pressure", "temperature", "fill"], indirect=True)
 @pytest.mark.usefixtures("one_more")
-def test_the_leak_of_a_tank_is_named_with_its_size_and_has_its_page(tmp_path: Path) -> None:
+def test_the_leak_of_a_tank_is_named_with_its_size_and_has_its_page(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     diagnosed = diagnose(drained(tmp_path, 2e-15, 1), 1)
     found = as_json(diagnosed)
     assert (found["verdict"], [one["id"] for one in found["effects"]]) == ("named", ["leakage"])
     size = found["effects"][0]["parameters"]["conductance_kg_s_pa2"]
     assert size["q05"] < 2e-15 < size["q95"]
     assert b"leak" in page.report(diagnosed, found)["report.html"]
+    name = request.node.callspec.params["one_more"]
+    words.table(found)
+    key = {"pressure": "pressure_pa", "temperature": "temperature_c", "fill": "fill"}[name]
+    assert list(found["improvement"]["held_out"]["rmse_before"]) == [key]
+    assert any(name in (place["coordinate"], *place["same_as"]) for place in found["located"])
+    assert json.loads(json_bytes(found)) == found

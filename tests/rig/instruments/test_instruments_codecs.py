@@ -13,7 +13,7 @@ from rig.bench.instrument import FOLDER, ChannelFile, instrument_of
 from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x, lutron, manual, modbus
 from rig.instruments.codecs import edge_frames
 from rig.instruments.codecs.blocks import Span, blocks_of
-from rig.instruments.codecs.registers import ORDERS, number_of, width_of, words_of
+from rig.instruments.codecs.registers import WORD_ORDERS, number_of, width_of, words_of
 from rig.instruments.codecs.values import Value, bounded
 from rig.lines import BadReplyError
 from rig.lines import modbus as wire
@@ -80,7 +80,7 @@ def test_a_file_asks_the_documented_question(name, unit, frame):
 def test_the_alicat_block_holds_the_documented_question():
     settings = read_instrument("alicat_pc_modbus")
     assert settings.numbering == "from 1"
-    first = alicat_modbus.STATUS - 1 + alicat_modbus.QUANTITIES["pressure"]
+    first = alicat_modbus.STATUS - 1 + alicat_modbus.PLACE_IN_BLOCK["pressure"]
     request = wire.Request(1, wire.READ_HOLDING, first, 2)
     assert wire.encode(request, "rtu", 0) == bytes.fromhex("01 03 04 B2 00 02 65 1C")
 
@@ -130,7 +130,7 @@ def test_a_float_survives_its_registers(number, kind, order, byte_order):
         ("i64", -3, "fffffffffffffffd"),
     ],
 )
-@pytest.mark.parametrize("name", ORDERS)
+@pytest.mark.parametrize("name", WORD_ORDERS)
 def test_a_number_is_read_in_every_order_of_its_bytes(kind, number, abcd, name):
     """ABCD are the bytes as the standard sends them; the wire has them in the order of the name."""
     words = [abcd[i : i + 4] for i in range(0, len(abcd), 4)]
@@ -138,7 +138,7 @@ def test_a_number_is_read_in_every_order_of_its_bytes(kind, number, abcd, name):
         words.reverse()
     if name in ("BADC", "DCBA"):
         words = [word[2:] + word[:2] for word in words]
-    read = number_of([int(word, 16) for word in words], kind, *ORDERS[name])
+    read = number_of([int(word, 16) for word in words], kind, *WORD_ORDERS[name])
     assert read == (pytest.approx(number, rel=1e-7) if kind == "f32" else number)
 
 

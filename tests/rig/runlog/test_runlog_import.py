@@ -15,8 +15,9 @@ from configs import ConfigError
 from rig.exchange.export import recording_of
 from rig.exchange.importing import import_files, import_recording, import_table
 from rig.exchange.mapping import FOLDER, read_mapping
-from rig.exchange.units import UNITS, known_units, unit_of
+from rig.exchange.units import known_units, unit_of
 from rig.recording import RecordingError, read_recording
+from rig.recording.units import UNITS
 from rig.runlog import RunError, read_run, verify
 
 SHARED = Path(__file__).resolve().parents[4] / "shared"

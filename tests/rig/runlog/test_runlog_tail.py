@@ -86,13 +86,48 @@ def test_a_thousand_events_are_counted_and_the_last_are_kept(tmp_path):
     assert (tail.last_event, len(tail.events)) == (1000, KEPT_EVENTS)
 
 
-def test_a_damaged_row_is_refused_by_its_file(tmp_path):
+def _with_cell(data: bytes, cell: int, value: bytes) -> bytes:
+    """The samples with another cell in the third row."""
+    lines = data.split(b"\n")
+    cells = lines[3].split(b",")
+    lines[3] = b",".join([*cells[:cell], value, *cells[cell + 1 :]])
+    return b"\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        lambda data: data + b"no,row\n",
+        lambda data: _with_cell(data, 4, b"1_000"),
+        lambda data: _with_cell(data, 4, b"nan"),
+        lambda data: _with_cell(data, 6, b"great"),
+        lambda data: _with_cell(data, 8, b"1e3"),
+        lambda data: _with_cell(data, 12, b"many"),
+        lambda data: _with_cell(data, 0, b"4"),
+        lambda data: _with_cell(data, 3, b"\xff"),
+        lambda data: _with_cell(data, 13, b"\0"),
+        lambda data: b"m" + data[1:],
+    ],
+)
+def test_whatever_is_refused_of_a_run_is_refused_of_a_run_that_is_followed(tmp_path, damaged):
     folder = write_sweep(tmp_path)
     samples = folder / "samples.csv"
-    samples.write_bytes(samples.read_bytes() + b"no,row\n")
-    with pytest.raises(RunError, match=r"samples\.csv: 2 cells"):
+    samples.write_bytes(damaged(samples.read_bytes()))
+    with pytest.raises(RunError) as of_run:
+        read_run(folder)
+    with pytest.raises(RunError) as followed:
         while Tail(folder).advance():
             pass
+    assert str(followed.value) == str(of_run.value)
+
+
+def test_an_event_that_is_not_in_order_is_refused_of_a_run_that_is_followed(tmp_path):
+    folder = write_sweep(tmp_path)
+    events = folder / "events.jsonl"
+    lines = events.read_bytes().splitlines(keepends=True)
+    events.write_bytes(b"".join([lines[0], *lines[2:]]))
+    with pytest.raises(RunError, match=r"events\.jsonl, line 2: its number is 3"):
+        Tail(folder).advance()
 
 
 def test_the_lock_names_the_program_that_writes(tmp_path):

@@ -73,7 +73,7 @@ def test_the_same_exchanges_give_the_same_bytes(tmp_path):
 
 
 def test_text_of_a_device_that_a_spreadsheet_would_run_gets_an_apostrophe(tmp_path):
-    texts = ["=cmd|'/c calc'!A1", "+1+1", "@SUM(A1)", "-2+3", "'quoted", "-3.25"]
+    texts = ["=cmd|'/c calc'!A1", "+1+1", "@SUM(A1)", "-2+3", "'quoted", " =1+1", "-3.25"]
     with new_writer(tmp_path) as writer:
         for text in texts:
             writer.exchange(
@@ -81,7 +81,7 @@ def test_text_of_a_device_that_a_spreadsheet_would_run_gets_an_apostrophe(tmp_pa
             )
         writer.end("finished")
     cells = [line.split(",")[13] for line in (writer.folder / "samples.csv").read_text().splitlines()[1:]]
-    assert cells == [*(f"'{text}" for text in texts[:5]), "-3.25"]
+    assert cells == [*(f"'{text}" for text in texts[:6]), "-3.25"]
     assert list(read_run(writer.folder).samples["raw"]) == texts
 
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from rig.bench.bench import FOLDER, read_bench
-from rig.by_hand.manual import CLOSED
+from rig.by_hand.manual import CLOSED_QUESTION
 from rig.by_hand.prompter import PRESSURE_NOW
 from rig.instruments.manual import example
 from rig.runlog import RunWriter, read_run
@@ -94,7 +94,7 @@ def test_what_the_prompt_would_refuse_is_refused_in_its_words_and_not_typed(run,
 def test_an_answer_to_another_question_is_refused_and_lines_are_single(run):
     run.says(f"  {example(run.entries.channels)}: ")
     before = run.entries.told()["asks"]
-    run.says(f"\nCLOSE THE VALVE.\n  {CLOSED} ")  # STOP was pressed meanwhile
+    run.says(f"\nCLOSE THE VALVE.\n  {CLOSED_QUESTION} ")  # STOP was pressed meanwhile
     assert run.entries.told()["kind"] == "vented"
     with pytest.raises(RefusedError, match="has changed"):
         run.entries.enter({"asks": before, "text": ""})

@@ -22,6 +22,7 @@ from calibration.unknowns.priors import column_of, drift_of
 from configs.units import BAR
 from model.layout import RPM
 from rig.recording import DOWN_TO, LEAST_IN_A_RUN, UP_TO, Column, Recording, RecordingFile, captured_s
+from rig.recording.columns import OF_CHANNEL
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
@@ -280,7 +281,7 @@ def _as_captured(recording: Recording, planned: RunInTime, speed: np.ndarray) ->
     event.
     """
     anchor, run = recording.files
-    name = next(name for name in run.columns if name.startswith("speed_rpm"))
+    name = OF_CHANNEL["speed"].column
     held, told = run.columns[name], np.isfinite(speed)
     time, is_open = run.columns["time_s"].values, run.columns["supply_open"].values > 0.5
     likely = np.interp(time, planned.time[told], speed[told]) if told.any() else np.zeros(time.size)

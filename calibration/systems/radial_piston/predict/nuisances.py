@@ -11,12 +11,10 @@ from calibration.data.blocks import Blocks
 from calibration.systems.radial_piston.predict import wheel
 from calibration.systems.radial_piston.predict.supply import line_unknowns
 from calibration.unknowns.priors import Error, OfInstrument, OfRun, Unknown, unknown_of_run, unknowns
-from configs.units import BAR
-from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, Motor
 from rig.recording import Recording
+from rig.recording.columns import OF_CHANNEL
 
-SI_OF = {"pressure": BAR, "flow": 1.0 / L_MIN, "speed": 1.0 / RPM}
 TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
 BEGUN_SD = 0.1  # share by which a start from rest may be off where it is compared from: how it broke away nobody knows
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
@@ -44,7 +42,7 @@ def destination(unknown: Unknown) -> Destination:
         case OfInstrument(channel, Error.SCALE):
             return Destination(channel, 1, 1.0)
         case OfInstrument(channel):
-            return Destination(channel, 0, SI_OF[channel])
+            return Destination(channel, 0, OF_CHANNEL[channel].to_si)
         case OfRun(file, what):
             return Destination(file, what, 1.0)
     if unknown.name == VENTED:

@@ -22,7 +22,6 @@ from calibration.systems.radial_piston.predict import gauge, in_time, wheel
 from calibration.systems.radial_piston.predict.nuisances import (
     BEGUN,
     MOTOR,
-    SI_OF,
     TURN,
     VENTED,
     Split,
@@ -43,6 +42,7 @@ from model.geometry import pulse_angle
 from model.motor import Motor, read_motor
 from model.solvers import steady as base_steady
 from rig.recording import Recording, RecordingError
+from rig.recording.columns import OF_CHANNEL
 
 FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
 
@@ -97,11 +97,11 @@ class Problem:
         self._goes_to = [destination(unknown) for unknown in self.nuisances]
         columns = {channel: column_of(recording, channel) for channel in CHANNELS}
         self.noise = {
-            channel: recording.channels[column].noise_sd * SI_OF[channel] if column else 0.0
+            channel: recording.channels[column].noise_sd * OF_CHANNEL[channel].to_si if column else 0.0
             for channel, column in columns.items()
         }
         self.resolution = {
-            channel: recording.channels[column].resolution * SI_OF[channel] if column else 0.0
+            channel: recording.channels[column].resolution * OF_CHANNEL[channel].to_si if column else 0.0
             for channel, column in columns.items()
         }
         P_a = self.motor.si("ambient_pressure")
@@ -129,7 +129,7 @@ class Problem:
         """What a nuisance's value is multiplied by to be SI [-]: an instrument's offset has its channel's unit."""
         place = self.place(nuisance)
         of = None if place is None else self.nuisances[place].of
-        return SI_OF[of.channel] if isinstance(of, OfInstrument) and of.error is Error.OFFSET else 1.0
+        return OF_CHANNEL[of.channel].to_si if isinstance(of, OfInstrument) and of.error is Error.OFFSET else 1.0
 
     def effect(self, name: str) -> Effect:
         """An effect by its id."""
