@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.f_overall import UNSEEN
-from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.diagnosis.sizes.sizes import LAW
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.verdict import is_small
@@ -112,7 +112,7 @@ def moved(found: Diagnosis, one: Candidate, change: str) -> list[Moved]:
 
     What is not known of the laws is the same on both days, and moves both values alike.
     """
-    problem, rng = found.comparison.problem, np.random.default_rng(0)
+    problem, rng = several_of(found).problem, np.random.default_rng(0)
     f, mode = Function(found.comparison, one.names), one.mode
     z = rng.multivariate_normal(mode.z, mode.covariance, DRAWS, method="cholesky")
     inside = np.all((z >= f.low) & (z <= f.high), axis=1)

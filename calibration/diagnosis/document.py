@@ -18,6 +18,7 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut, Predicted
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
 from calibration.diagnosis.steps.verdict import Verdict
+from calibration.systems.several.problem import SeveralProblem
 from calibration.unknowns.priors import Unknown
 
 FORMAT = "diagnosis/1"
@@ -60,7 +61,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
         ],
         "resolves": [{"id": one.effect, **{key: getattr(one, key) for key in OF_A_RESOLVED}} for one in found.resolved],
-        "not_observable": found.comparison.not_observable(found.base),
+        "not_observable": found.comparison.places.not_observable(found.base),
         "check": list(found.comparison.check) if found.not_described else [],
         "why": verdict.why,
         "files": found.comparison.rows_used(),
@@ -140,7 +141,7 @@ def _sizes(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, Any]:
     def parameters(whose: str) -> dict[str, dict[str, Any]]:
         return {one.unknown.own: _size(found, one) for one in sizes if one.unknown.whose == whose}
 
-    if not any(one.unknown.whose for one in sizes):
+    if not isinstance(problem, SeveralProblem) or not any(one.unknown.whose for one in sizes):
         return {"parameters": parameters("")}
     recordings = [
         {"recording": mine, "date": as_text(problem.dates[mine]), "parameters": parameters(mine)}

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from calibration.likelihood.mode import Mode
 
 NEAR = 0.1  # of the top of a coordinate: thresholds closer than this are one
 
@@ -111,6 +115,30 @@ class StepsInTime:
     end_s: float
     within: np.ndarray
     columns: Callable[..., dict[tuple[str, str], np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where something may be missing of a recording: what is asked of it at a mode. What is left out, it has none of.
+
+    `forces`: the free-form forces that a mismatch is tested with.
+    `angle_force`: a torque along the shaft's angle; None where the readings do not resolve it.
+    `balances`: what may be off, and along what.
+    `forms`: terms that a law may be made of.
+    `steps_in_time`: steps in the running time; None where the recording has no clock for one.
+    `same_coordinates`: coordinates that the recording cannot tell from one.
+    `not_observable`: coordinates along which the recording can show nothing, each in a sentence.
+    `ordinary_speed`: root mean square of the speed [rad/s]; 0 where nobody knows it.
+    """
+
+    forces: Callable[[Mode], list[Force]] = lambda _: []
+    angle_force: Callable[[Mode], Force | None] = lambda _: None
+    balances: Callable[[Mode], list[Balance]] = lambda _: []
+    forms: Callable[[Mode], list[Form]] = lambda _: []
+    steps_in_time: Callable[[Mode], StepsInTime | None] = lambda _: None
+    same_coordinates: Callable[[Mode, str], tuple[str, ...]] = lambda *_: ()
+    not_observable: Callable[[Mode], list[str]] = lambda _: []
+    ordinary_speed: Callable[[Mode], float] = lambda _: 0.0
 
 
 def hats(x: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -39,9 +39,9 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     if numbers.coordinates(found) and numbers.channels(found):
         figures["units"] = draw.residuals(found, models, False)
         figures["whitened"] = draw.residuals(found, models, True)
-    if found.comparison.problem.blocks.runs:
+    if numbers.of_motor(found).problem.blocks.runs:
         figures["runs"] = draw.runs(found, models)
-    if np.isfinite(found.comparison.problem.blocks.standing.pressure).any():
+    if np.isfinite(numbers.of_motor(found).problem.blocks.standing.pressure).any():
         figures["held"] = draw.held_rotor(found, models)
     if curves:
         figures["forces"] = draw.forces(curves)
@@ -73,7 +73,7 @@ def page(filled: Mapping[str, Any]) -> bytes:
 
 def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
     """The texts and tables of the page."""
-    problem, held_out = found.comparison.problem, document["improvement"]["held_out"]
+    problem, held_out = numbers.of_motor(found).problem, document["improvement"]["held_out"]
     return {
         "name": problem.recording.folder.resolve().name,
         "origins": origins([problem.recording]),
@@ -162,7 +162,7 @@ def _excluded(found: Diagnosis, document: Mapping[str, Any]) -> str:
         return ""
     odds = sets.odds(found, one)
     file, share = sets.told_by(found, one)
-    by = f", by {file} above all" if share >= CLEAR and found.comparison.problem.blocks.runs else ""
+    by = f", by {file} above all" if share >= CLEAR and numbers.of_motor(found).problem.blocks.runs else ""
     return f"Excluded with odds of {_odds(odds)}{by}: {titles(one.names)}."
 
 

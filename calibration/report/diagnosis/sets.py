@@ -16,7 +16,7 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.misread import MISREAD
 from calibration.fit.posterior import UNINFORMED
-from calibration.report.diagnosis.numbers import of_mode
+from calibration.report.diagnosis.numbers import of_mode, of_motor
 from calibration.report.diagnosis.words import gain_in_figures, quantity
 from calibration.report.fit.words import rounded, uncertainty
 from calibration.report.sets_in_words import listed, titles
@@ -62,7 +62,7 @@ def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
 
     `one`: the set; without one there is nothing to say.
     """
-    if one is None or not found.comparison.problem.blocks.plateaus.size:
+    if one is None or not of_motor(found).problem.blocks.plateaus.size:
         return {}
     problem, state = found.comparison.problem, one.mode.prediction.state
     top = int(np.nanargmax(np.where(np.isfinite(one.mode.prediction.speed), state.pressure, np.nan)))
@@ -101,7 +101,7 @@ def told_by(found: Diagnosis, rival: Candidate) -> tuple[str, float]:
     """The file that speaks most against a rival of the chosen set, and its share of what all files say [-]."""
     if found.verdict.chosen is None:
         return "", 0.0
-    comparison = found.comparison
+    comparison = of_motor(found)
     blocks = comparison.problem.blocks
     theirs, ours = of_mode(found, rival.mode, "").white, of_mode(found, found.verdict.chosen.mode, "").white
     good = (rival.mode.bad < 0.5) & (found.verdict.chosen.mode.bad < 0.5)

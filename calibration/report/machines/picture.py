@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.likelihood.mode import Mode
 from calibration.report import style
 from calibration.report.sets_in_words import title
+from calibration.systems.machines.comparison import Comparison
 from model.layout import L_MIN, RPM
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def picture(found: Diagnosis) -> Figure:
     parts = [("without any effect", found.base)]
     if chosen is not None:
         parts.append(("with " + "\nand ".join(title(name) for name in chosen.names), chosen.mode))
-    channels = list(dict.fromkeys(one.channel for one in found.comparison.problem.readings))
+    channels = list(dict.fromkeys(one.channel for one in _compared(found).readings))
     with style.drawing(len(channels), len(parts), 2.9 * len(channels), sharey="row", sharex=True, squeeze=False) as (
         figure,
         grid,
@@ -44,16 +44,20 @@ def picture(found: Diagnosis) -> Figure:
         return figure
 
 
+def _compared(found: Diagnosis) -> Comparison:
+    return cast(Comparison, found.comparison)
+
+
 def _label(found: Diagnosis, channel: str) -> str:
-    drive = "force, N" if found.comparison.problem.slides else "torque, N m"
+    drive = "force, N" if _compared(found).problem.slides else "torque, N m"
     words = {"drive": drive, "speed": "speed, rpm", "flow": "flow, L/min", "pressure": "pressure, bar"}
     return "reading less model: " + words[channel]
 
 
 def _along(found: Diagnosis) -> tuple[str, str, float]:
     """The coordinate that is drawn along, its label, and what a value in SI is multiplied by [-]."""
-    known = found.comparison.problem.system.coordinates()
-    speed = ("speed, m/s", 1.0) if found.comparison.problem.slides else ("speed, rpm", RPM)
+    known = _compared(found).problem.system.coordinates()
+    speed = ("speed, m/s", 1.0) if _compared(found).problem.slides else ("speed, rpm", RPM)
     drawn = {"speed": speed, "pressure": ("pressure, bar", 1e-5), "time": ("time, s", 1.0)}
     name = next(name for name in drawn if all(name in one for one in known))
     return (name, *drawn[name])
@@ -81,9 +85,10 @@ def _panel(axes: Axes, found: Diagnosis, channel: str, fit: Mode, colour: str) -
 
 def _of(found: Diagnosis, channel: str, fit: Mode) -> tuple[np.ndarray, np.ndarray]:
     """Coordinate and residual of a channel's readings [SI]."""
-    known: Sequence[dict[str, np.ndarray]] = found.comparison.problem.system.coordinates()
-    left = found.comparison.noise.split(found.comparison.read - fit.prediction)
-    mine = [i for i, one in enumerate(found.comparison.problem.readings) if one.channel == channel]
+    comparison = _compared(found)
+    known = comparison.problem.system.coordinates()
+    left = comparison.noise.split(comparison.read - fit.prediction)
+    mine = [i for i, one in enumerate(comparison.readings) if one.channel == channel]
     return (
         np.concatenate([known[i][_along(found)[0]] for i in mine]),
         np.concatenate([left[i] for i in mine]),

@@ -68,7 +68,7 @@ def _against_the_model(found: Diagnosis, quality: FitQuality) -> dict[str, Any]:
     figures: dict[str, bytes] = {}
     if numbers.coordinates(found) and numbers.channels(found):
         figures["plateaus"] = draw.residuals(found, models, False)
-    if found.comparison.problem.blocks.runs:
+    if numbers.of_motor(found).problem.blocks.runs:
         figures["runs"] = draw.runs(found, models)
     files = found.comparison.rows_used()
     return {
@@ -95,13 +95,13 @@ def _verdict(found: Diagnosis, quality: FitQuality) -> str:
 
 def _plateau_table(found: Diagnosis) -> Grid:
     """Each plateau: what was read, and by how much that is more than the model says."""
-    plateaus, difference = found.comparison.problem.blocks.plateaus, numbers.models(found)[0].difference
+    plateaus, difference = numbers.of_motor(found).problem.blocks.plateaus, numbers.models(found)[0].difference
     header: tuple[str, ...] = ("file", "row", "pressure, bar")
     columns = [plateaus.pressure / BAR]
     for channel in numbers.channels(found):
         unit, factor = numbers.UNITS[channel]
         header += (f"{channel}, {unit}", "less model")
-        mine = found.comparison.kind == numbers.KINDS[channel]
+        mine = numbers.of_motor(found).kind == numbers.KINDS[channel]
         columns += [getattr(plateaus, channel) * factor, difference[mine] * factor]
     rows = tuple(
         (file, str(row), *(f"{value:z.4g}".replace("-", "−") if np.isfinite(value) else "" for value in values))
