@@ -63,7 +63,7 @@ class _Searched:
 class _Said:
     """What is said so far."""
 
-    verdict: Verdict[Mode]
+    verdict: Verdict
     detection: Detection
     bad: list[BadRow]
     misread: frozenset[tuple[str, ...]]
@@ -189,9 +189,7 @@ def _said(
     return said, held_out, unseen_run
 
 
-def _not_seen(
-    search: Search, verdict: Verdict[Mode], rng: np.random.Generator
-) -> dict[tuple[str, ...], list[Undetected]]:
+def _not_seen(search: Search, verdict: Verdict, rng: np.random.Generator) -> dict[tuple[str, ...], list[Undetected]]:
     """Effects too small to be seen beside each of the sets that are said."""
     chosen = verdict.chosen.names if verdict.chosen else ()
     averaged = [] if verdict.kind == "unresolved" else [chosen, *verdict.alternatives]
@@ -209,7 +207,7 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
     if not detection.p_value < MISMATCH_P:
         detection = replace(detection, p_value=CERTAIN_P, extrapolated=True)
     clock("")
-    verdict: Verdict[Mode] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
+    verdict = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
     return Diagnosis(
         comparison=first.comparison,
         base=first.base,
@@ -262,7 +260,7 @@ def _search(
 
 def _judge(
     searched: _Searched, comparison: Compared, residuals: Residuals, clock: StepClock
-) -> tuple[Verdict[Mode], HeldOut | None]:
+) -> tuple[Verdict, HeldOut | None]:
     """The verdict, and the cross-validation of the set that it rests on."""
     best, held_out, candidates = None, None, searched.candidates
     if searched.detection.p_value < MISMATCH_P:
@@ -278,7 +276,7 @@ def _judge(
     return verdict, None if verdict.kind == "consistent" else held_out  # ... it was of a set that is not said
 
 
-def _held_against(verdict: Verdict[Mode], unseen_run: HeldOut) -> Verdict[Mode]:
+def _held_against(verdict: Verdict, unseen_run: HeldOut) -> Verdict:
     """The verdict, where a set that is named predicts an unseen run better; else a refusal."""
     if verdict.kind != "named" or verdict.chosen is None or unseen_run.gain > ERRORS * unseen_run.gain_se:
         return verdict
@@ -286,7 +284,7 @@ def _held_against(verdict: Verdict[Mode], unseen_run: HeldOut) -> Verdict[Mode]:
     return Verdict("unresolved", None, (), 0.0, words)
 
 
-def _single_readings(comparison: Compared, verdict: Verdict[Mode], searched: _Searched) -> _Said:
+def _single_readings(comparison: Compared, verdict: Verdict, searched: _Searched) -> _Said:
     """What single readings do to the verdict: misread ones may be all that is wrong."""
     base = searched.base
     # Of a model that does not fit, no reading can be said to be off.
@@ -340,7 +338,7 @@ def _next_tests(comparison: Compared, rivals: Sequence[Candidate], clock: StepCl
     return propose(comparison, rivals)
 
 
-def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict[Mode]) -> list[Candidate]:
+def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict) -> list[Candidate]:
     """Sets that a next test should tell apart; none where nothing is open."""
     if verdict.kind == "named":
         return []

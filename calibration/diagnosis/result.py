@@ -49,7 +49,7 @@ class Diagnosis:
     candidates: list[Candidate]
     residual_p: dict[tuple[str, ...], float]
     left: dict[tuple[str, ...], float]
-    verdict: Verdict[Mode]
+    verdict: Verdict
     held_out: HeldOut | None = None
     term: Term | None = None
     next_tests: list[NextTest] = field(default_factory=list)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, Literal
+from typing import Literal
 
-from calibration.diagnosis.steps.candidate import Candidate, Fitted, Reason
+from calibration.diagnosis.steps.candidate import Candidate, Reason
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.detect import MISMATCH_P
 from calibration.unknowns.effects import holds, unchanged
@@ -28,7 +28,7 @@ Kind = Literal["consistent", "named", "confounded", "unresolved"]
 
 
 @dataclass(frozen=True)
-class Verdict(Generic[Fitted]):
+class Verdict:
     """What is said.
 
     `chosen`: what the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
@@ -37,18 +37,18 @@ class Verdict(Generic[Fitted]):
     """
 
     kind: Kind
-    chosen: Candidate[Fitted] | None
+    chosen: Candidate | None
     alternatives: tuple[tuple[str, ...], ...]
     set_probability: float
     why: str
 
 
-def not_excluded(found: Sequence[Candidate[Fitted]]) -> list[Candidate[Fitted]]:
+def not_excluded(found: Sequence[Candidate]) -> list[Candidate]:
     """Sets of effects that may be there although the base model explains the recording, the most probable first."""
     return [c for c in found if c.names and not c.refused and c.probability > UNSETTLED]
 
 
-def is_small(candidate: Candidate[Fitted]) -> bool:
+def is_small(candidate: Candidate) -> bool:
     """Whether all that a set says is that instruments have errors as large as declared."""
     of_instruments = _are_of_instruments(candidate.names)
     refused = candidate.refused
@@ -62,10 +62,10 @@ def _are_of_instruments(names: Sequence[str]) -> bool:
 
 def judge(
     p_value: float,
-    found: Sequence[Candidate[Fitted]],
+    found: Sequence[Candidate],
     residual_p: dict[tuple[str, ...], float],
     held_out: HeldOut | None,
-) -> Verdict[Fitted]:
+) -> Verdict:
     """Weigh everything.
 
     Where an instrument's error as large as declared explains the recording, its `set_probability` is of that.
@@ -95,10 +95,10 @@ def judge(
 
 
 def _nothing_passes(
-    found: Sequence[Candidate[Fitted]],
-    excluded: Sequence[Candidate[Fitted]],
+    found: Sequence[Candidate],
+    excluded: Sequence[Candidate],
     residual_p: dict[tuple[str, ...], float],
-) -> Verdict[Fitted]:
+) -> Verdict:
     """Where no set leaves little enough, but for those that are far too improbable."""
     likeliest = next((c for c in found if c.names), None)
     if likeliest and is_small(likeliest) and residual_p.get(likeliest.names, 0.0) >= RESIDUAL_P:
@@ -111,13 +111,13 @@ def _nothing_passes(
 
 
 def _of_those_that_pass(
-    found: Sequence[Candidate[Fitted]],
-    allowed: Sequence[Candidate[Fitted]],
-    passing: Sequence[Candidate[Fitted]],
-    tested: Sequence[Candidate[Fitted]],
+    found: Sequence[Candidate],
+    allowed: Sequence[Candidate],
+    passing: Sequence[Candidate],
+    tested: Sequence[Candidate],
     residual_p: dict[tuple[str, ...], float],
     held_out: HeldOut | None,
-) -> Verdict[Fitted]:
+) -> Verdict:
     """One set by name, or several: the base model is excluded."""
     best, total = tested[0], sum(c.probability for c in passing)
     blocked = [c for c in allowed if c.probability > best.probability]
@@ -164,17 +164,17 @@ def _gained(held_out: HeldOut | None) -> bool:
     return held_out.gain > -least and held_out.gain + held_out.declared > least
 
 
-def _least_of(candidate: Candidate[Fitted], found: Sequence[Candidate[Fitted]]) -> float:
+def _least_of(candidate: Candidate, found: Sequence[Candidate]) -> float:
     """Probability of a set's least probable effect, over all sets weighed [-]."""
     return min(sum(c.probability for c in found if name in c.names) for name in candidate.names)
 
 
-def _nearly(candidate: Candidate[Fitted], residual_p: dict[tuple[str, ...], float]) -> bool:
+def _nearly(candidate: Candidate, residual_p: dict[tuple[str, ...], float]) -> bool:
     """Whether what a set leaves unexplained is little enough for doubt."""
     return residual_p.get(candidate.names, 0.0) >= RESIDUAL_P / NEARLY
 
 
-def with_open(verdict: Verdict[Fitted], rivals: Sequence[Candidate[Fitted]]) -> Verdict[Fitted]:
+def with_open(verdict: Verdict, rivals: Sequence[Candidate]) -> Verdict:
     """A consistent verdict that says what may be there all the same. `rivals`: what a next test should tell apart."""
     likely = [f"{' + '.join(c.names)} ({c.probability:.2f})" for c in rivals if c.names]
     if verdict.kind != "consistent" or not likely:
@@ -182,7 +182,7 @@ def with_open(verdict: Verdict[Fitted], rivals: Sequence[Candidate[Fitted]]) -> 
     return replace(verdict, why=f"{verdict.why}; not excluded: {', '.join(likely)}")
 
 
-def with_near(verdict: Verdict[Fitted], found: Sequence[Candidate[Fitted]]) -> Verdict[Fitted]:
+def with_near(verdict: Verdict, found: Sequence[Candidate]) -> Verdict:
     """A verdict with one doubt more, where noise is known less well than its declared figures say.
 
     The test of what a set leaves hangs on the noise. A set that fails only that test, and is nearly as probable as the

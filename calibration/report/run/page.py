@@ -50,7 +50,7 @@ def page(told: Told, detected: Detected | None = None, quality: FitQuality | Non
 
 def _as_diagnosis(detected: Detected, quality: FitQuality) -> Diagnosis:
     """The first steps of a diagnosis as one, for its pictures."""
-    verdict: Verdict[Any] = Verdict("consistent" if quality.model_fits else "unresolved", None, (), 0.0, quality.why)
+    verdict = Verdict("consistent" if quality.model_fits else "unresolved", None, (), 0.0, quality.why)
     return Diagnosis(
         comparison=detected.comparison,
         base=detected.base,
