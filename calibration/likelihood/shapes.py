@@ -11,6 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from calibration.likelihood.mode import Mode
 
+SAME = 0.98  # rank correlation above which two coordinates are one
 NEAR = 0.1  # of the top of a coordinate: thresholds closer than this are one
 
 Pieces = Callable[[np.ndarray], np.ndarray]  # shares of k pieces at n values, shape (n, k)
@@ -155,3 +156,26 @@ def hats(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def spans(edges: np.ndarray) -> np.ndarray:
     """Where the pieces of `hats` act [own unit], shape (k, 2). `edges`, shape (k + 1,): of the spans [own unit]."""
     return np.column_stack([edges[:-1], edges[1:]])
+
+
+def alike(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two coordinates rise and fall together. `a`, `b`, shape (n,): of the same readings [own units]."""
+    from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared
+
+    if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return False
+    return abs(float(np.corrcoef(rankdata(a), rankdata(b))[0, 1])) > SAME
+
+
+def first_order(pushes: np.ndarray, keeps: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """What keeps a share of itself in each step and is pushed, after each step [own unit], shape (n, k).
+
+    `pushes`, shape (n, k): what each step takes off [own unit].
+    `keeps`, shape (n,): the share that each step leaves [-].
+    `first`, shape (k,): before the first step [own unit].
+    """
+    found, now = np.empty_like(pushes), first
+    for k, keep in enumerate(keeps):
+        now = now * keep - pushes[k]
+        found[k] = now
+    return found

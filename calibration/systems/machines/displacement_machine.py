@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.data.clock import times_of
-from calibration.systems.machines.readings import TO_SI, Flat, Readings, means, noise_sd, plateaus
+from calibration.systems.machines.readings import LEVEL, TO_SI, Flat, Readings, means, noise_sd, plateaus
 from calibration.systems.machines.system import FOLDS, Coordinates, Simulate
 from calibration.systems.machines.table import MachineTable, instrument, rows_used
 from calibration.unknowns.priors import Unknown
@@ -24,7 +24,6 @@ from rig.recording.columns import pressure_in
 VOLUME_FACTOR = 1.3  # an inline motor tells no tolerance, and a cut-off takes in less than the geometric volume
 NOT_READ = "no speed, no pressure, or neither a torque nor a flow"
 REPEATS = 10.0  # of a plateau in a test
-LEVEL = 0.02  # readings of pressure closer than this, relative, are one level
 SERIES = 40  # plateaus from which on their order in time says something of the noise
 
 

@@ -16,6 +16,7 @@ TO_SI |= {"flow_l_min": 1.0 / L_MIN, "pressure_bar_abs": BAR, "pressure_bar_gaug
 SI_UNITS = {"torque_nm": "N m", "force_n": "N", "velocity_m_s": "m/s", "angle_rad": "rad", "speed_rpm": "rad/s"}
 SI_UNITS |= {"flow_l_min": "m3/s", "pressure_bar_abs": "Pa", "pressure_bar_gauge": "Pa"}
 SAME_SPEED, SAME_PRESSURE = 0.03, 0.005  # relative: rows closer than this are at one state
+LEVEL = 0.02  # readings of pressure closer than this, relative, are one level
 ROWS_EACH = 4  # on average, from which on rows are taken together
 MOST_ALIKE = 0.9
 
