@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
-from calibration.data.refusals import refuse_starved
+from calibration.data.refusals import refuse_unusable
 from calibration.data.rows_used import few_used
 from calibration.diagnosis import Diagnosis, as_json, diagnose, together
 from calibration.diagnosis.next_test.recommend import NextTest
@@ -552,7 +552,7 @@ def test_gauge_pressures_under_the_name_of_absolute_ones_are_refused(tmp_path, s
     rows = [line.split(",") for line in table.read_text().splitlines()]
     read, rows[1][2] = rows[1][2], "0.9"
     table.write_text("\n".join(map(",".join, rows)) + "\n")
-    refuse_starved(read_recording(tmp_path / "recording"))
+    refuse_unusable(read_recording(tmp_path / "recording"))
     rows[1][2] = read
     rows[1:] = [[*row[:2], f"{float(row[2]) - 1.013:.3f}", *row[3:]] for row in rows[1:]]
     table.write_text("\n".join(map(",".join, rows)) + "\n")

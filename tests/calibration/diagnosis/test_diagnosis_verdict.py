@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from calibration.data.refusals import refuse_at_rest
+from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.document import set_probability
 from calibration.diagnosis.steps import confirm
@@ -178,7 +178,7 @@ def test_a_recording_in_which_the_rotor_turns_nowhere_is_refused(tmp_path: Path)
     with pytest.raises(RecordingError, match="speed_rpm shows a rotor at rest in every row, so there is"):
         diagnose(read_recording(tmp_path), 1)
     sweep.write_text("pressure_bar_abs,flow_l_min,speed_rpm\n1.1,0,0\n2.0,72,395\n")
-    refuse_at_rest(read_recording(tmp_path))
+    refuse_unusable(read_recording(tmp_path))
 
 
 def test_the_document_has_the_promised_form(leaking) -> None:
