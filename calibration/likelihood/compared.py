@@ -5,7 +5,7 @@ A system is `calibration.systems.radial_piston`, the article's motor, or one tha
 parameters of the effects in question. The noise is a few numbers u, normal a priori with deviations ``spread``: the
 logarithms of noise scales first, then what tells how alike neighbours are.
 
-What most systems answer alike, `Problem` and `Compared` answer here; a system that inherits them says the rest.
+What most systems answer alike, `Problem`, `Noise` and `Compared` answer here: a system inherits them and says the rest.
 
 In all that obeys the protocol: m readings, n unknowns, k numbers of the noise. A point ``z`` has the shape (n,) [-], a
 noise ``u`` the shape (k,) [-], derivatives ``D`` the shape (m, n) [SI], differences of readings the shape (m,) [SI].
@@ -166,9 +166,11 @@ class Noise(Protocol):
 
     def told(self, u: np.ndarray) -> list[dict[str, Any]]:
         """The noise of each array of readings with its label, scale and correlation; empty where that is not told."""
+        return []
 
     def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
         """What is loudest and its noise in declared ones [-], where that is not believable; None where it is."""
+        return None
 
 
 class NoiseEstimates(Protocol):

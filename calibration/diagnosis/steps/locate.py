@@ -1,4 +1,4 @@
-"""Step 3: where the mismatch is: which balance, seen in which channel, along which coordinate.
+"""Where the mismatch is: which balance, seen in which channel, along which coordinate.
 
 Whether a place is one at all is a test of a free-form force: those of the detection, and beside them forces along
 pressure and angle and the instruments' errors along their own range, their number priced. With a strong mismatch many

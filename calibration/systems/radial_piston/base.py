@@ -1,4 +1,4 @@
-"""Step 1: the base model of a recording, what everything else is held against."""
+"""The base model of a recording, what everything else is held against."""
 
 from __future__ import annotations
 
