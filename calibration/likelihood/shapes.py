@@ -118,7 +118,7 @@ class StepsInTime:
     columns: Callable[..., dict[tuple[str, str], np.ndarray]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Places:
     """Where something may be missing of a recording: what is asked of it at a mode. What is left out, it has none of.
 
