@@ -58,7 +58,7 @@ def judge(
     prepared, measured, _ = fits.prepare(recording, assignments, channels, effects)
     motor = prepared if assignments else None
     rows = as_fitted(recording, channels, motor)
-    if not _compares(rows):
+    if not measured.steady.compared.any():
         return FitQuality(1.0, True, UNTESTED)
     found = detect_mismatch(rows, np.random.default_rng(seed), tell, motor=motor)
     if effects:
@@ -192,18 +192,6 @@ def _ambient_of(motor: Motor, ambient: Ambient) -> Ambient:
         "relative_humidity": motor["relative_humidity"].value,
     }
     return replace(ambient, **{name: value for name, value in now.items() if getattr(ambient, name) is not None})
-
-
-def _compares(recording: Recording) -> bool:
-    """Whether any steady row has a flow or a turning speed that is on its instrument's scale."""
-    for file in recording.files:
-        for name in ("flow_l_min", "speed_rpm"):
-            column = file.columns.get(name)
-            if file.kind == "steady" and column is not None:
-                read = np.isfinite(column.values) & (column.censor == 0)
-                if np.any(read & ((column.values > 0.0) | (name == "flow_l_min"))):
-                    return True
-    return False
 
 
 def _with_effects(first: Detected, names: Sequence[str], rng: np.random.Generator) -> Detected:

@@ -89,9 +89,7 @@ def _refuse_mistaken_gauge(recording: Recording, rows: Rows, motor: Motor, room_
     declared = rows.pressure + np.where(rows.is_gauge, room_bar, 0.0)
     other = declared + np.where(rows.is_gauge, -room_bar, room_bar)
     low, high = PRESSURE_LIMITS_BAR
-    turning = (
-        (rows.speed_state == OBSERVED) & (rows.speed > 0.0) & (declared > room_bar) & (other > low) & (other < high)
-    )
+    turning = rows.turning & (declared > room_bar) & (other > low) & (other < high)
     if not turning.any():
         return
     as_declared = _shape_misfit(motor, declared[turning], rows.speed[turning])
@@ -126,7 +124,7 @@ def _refuse_mixed_units(recording: Recording, rows: Rows, motor: Motor) -> None:
     That is where the plateaus' flow over speed is three times what the displacement allows, or a third of it, at the
     median.
     """
-    turning = (rows.speed_state == OBSERVED) & (rows.speed > 0.0) & (rows.flow_state == OBSERVED) & (rows.flow > 0.0)
+    turning = rows.turning & (rows.flow_state == OBSERVED) & (rows.flow > 0.0)
     ratios = rows.flow[turning] / rows.speed[turning]
     if ratios.size < FEWEST_ROWS:
         return
@@ -236,7 +234,7 @@ def _refuse_starved(recording: Recording, rows: Rows, room_bar: float) -> None:
 
     That is where this is so in more than half of the plateaus at which the rotor turns.
     """
-    turns = (rows.speed_state == OBSERVED) & (rows.speed > 0.0) & ~rows.is_gauge
+    turns = rows.turning & ~rows.is_gauge
     turning = int(turns.sum())
     starved = [
         f"{rows.file[i]}, row {rows.row[i]}, column pressure_bar_abs: '{rows.pressure[i]:g}' is not above the room's "

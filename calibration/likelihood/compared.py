@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from calibration.data.rows_used import FileUse
 from calibration.likelihood.noise_test import NoiseTest
 from calibration.likelihood.shapes import Places
 from calibration.unknowns.effects import searched
@@ -333,5 +334,5 @@ class Compared(Protocol):
         """The unit of an effect's parameter on this machine."""
         return unknown.unit
 
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file, as ``files`` of diagnosis/1."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
+from calibration.data.rows_used import FileUse
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Test
@@ -198,6 +198,6 @@ class Comparison(Compared):
         """Tests that this rig could make."""
         return tests(self.problem, rivals)
 
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file, as ``files`` of diagnosis/1."""
         return self.problem.rows_used()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from calibration.data.clock import times_of
+from calibration.data.rows_used import FileUse
 from calibration.systems.machines.readings import LEVEL, TO_SI, Flat, Readings, means, noise_sd, plateaus
 from calibration.systems.machines.system import FOLDS, Coordinates, Simulate
 from calibration.systems.machines.table import MachineTable, instrument, rows_used
@@ -184,7 +184,7 @@ def _all_of(files: Sequence[RecordingFile], column: str, missing: float = np.nan
     )
 
 
-def _used(files: Sequence[RecordingFile], counted: np.ndarray) -> list[dict[str, Any]]:
+def _used(files: Sequence[RecordingFile], counted: np.ndarray) -> list[FileUse]:
     """What is used of each file, by whether each row of all counts."""
     parts = np.split(counted, np.cumsum([f.rows for f in files])[:-1])
     return [

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.data.clock import needs_clock
+from calibration.data.rows_used import FileUse
 from calibration.likelihood import compared
 from calibration.likelihood.compared import FARTHEST
 from calibration.systems.machines.readings import Flat
@@ -69,7 +70,7 @@ class Problem(compared.Problem):
             (effect.id, one.name): scaled(one, self.sizes) for effect in effects().values() for one in effect.parameters
         }
 
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file of the recording, as ``files`` of diagnosis/1."""
         seen = {one["file"]: one for one in self.system.files}
         return [

@@ -16,12 +16,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from calibration.data.blocks import Blocks, levels
-from calibration.data.rows_used import by_diagnosis
+from calibration.data.rows_used import FileUse, by_diagnosis
 from calibration.likelihood.compared import Compared, Row
 from calibration.likelihood.expected import Test
 from calibration.likelihood.function import Function
@@ -257,7 +256,7 @@ class Comparison(Compared):
             words = f"{one.words}: {one.needs}" if one.needs else one.words
             yield Test(words, one.needs, partial(expected_quantity, one, self.problem))
 
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file, as ``files`` of diagnosis/1."""
         return by_diagnosis(self.problem.recording, self.problem.blocks)
 

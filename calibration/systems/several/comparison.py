@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.rows_used import FileUse
 from calibration.likelihood.compared import Compared, Row
 from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Expected, Test
@@ -218,7 +219,7 @@ class Several(Compared):
         for test in self.parts[k].tests([self.of_part(k, mode) for mode in rivals]):
             yield replace(test, expected=partial(read, test))
 
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file, with the name of its recording ahead."""
         return [
             one | {"file": f"{name}/{one['file']}"} for _, (name, part) in self._numbered() for one in part.rows_used()
