@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from enum import StrEnum
 
 from calibration.diagnosis.steps.candidate import Candidate, Reason
 from calibration.diagnosis.steps.confirm import HeldOut
@@ -24,7 +24,13 @@ LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothin
 ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
 
 
-Kind = Literal["consistent", "named", "confounded", "unresolved"]
+class VerdictKind(StrEnum):
+    """What may be said, as in diagnosis/1."""
+
+    CONSISTENT = "consistent"
+    NAMED = "named"
+    CONFOUNDED = "confounded"
+    UNRESOLVED = "unresolved"
 
 
 @dataclass(frozen=True)
@@ -36,7 +42,7 @@ class Verdict:
     `set_probability`: of the chosen set, or of the base model [-].
     """
 
-    kind: Kind
+    kind: VerdictKind
     chosen: Candidate | None
     alternatives: tuple[tuple[str, ...], ...]
     set_probability: float
@@ -73,7 +79,7 @@ def judge(
     base = next((c for c in found if not c.names), None)
     if p_value >= MISMATCH_P:
         why = "the base model explains the recording"
-        return Verdict("consistent", None, (), base.probability if base else 1.0, why)
+        return Verdict(VerdictKind.CONSISTENT, None, (), base.probability if base else 1.0, why)
     allowed = [c for c in found if not c.refused and c.names]
     passing = [c for c in allowed if residual_p.get(c.names, 1.0) >= RESIDUAL_P]  # a rival not tested may pass
     tested = [c for c in passing if c.names in residual_p]  # what is named has passed
@@ -86,12 +92,12 @@ def judge(
     if base.probability <= 0.5:
         likely = [c for c in found if (c is base or c in allowed) and c.probability > SHARE and c is not tested[0]]
         names, share = tuple(c.names for c in likely), tested[0].probability
-        return Verdict("confounded", tested[0], names, share, "the base model is not excluded")
+        return Verdict(VerdictKind.CONFOUNDED, tested[0], names, share, "the base model is not excluded")
     if p_value >= RESIDUAL_P:
-        return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
+        return Verdict(VerdictKind.CONSISTENT, None, (), base.probability, "no effect explains more than chance would")
     # Held to what any set is held to.
     why = "what is left out is no listed effect: none is more probable than that nothing is left out"
-    return Verdict("unresolved", None, (), 0.0, why)
+    return Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, why)
 
 
 def _nothing_passes(
@@ -103,11 +109,11 @@ def _nothing_passes(
     likeliest = next((c for c in found if c.names), None)
     if likeliest and is_small(likeliest) and residual_p.get(likeliest.names, 0.0) >= RESIDUAL_P:
         why = "an instrument's error, no larger than declared"
-        return Verdict("consistent", None, (), likeliest.probability, why)
+        return Verdict(VerdictKind.CONSISTENT, None, (), likeliest.probability, why)
     why = "no set of listed effects explains what is left"
     if excluded:
         why += f"; {' and '.join(excluded[0].names)} would, and others are far more probable that do not"
-    return Verdict("unresolved", None, (), 0.0, why)
+    return Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, why)
 
 
 def _of_those_that_pass(
@@ -146,10 +152,12 @@ def _of_those_that_pass(
             sum_of += c.probability
     listed += [c.names for c in blocked if c.names not in listed]
     if listed:
-        return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
+        return Verdict(VerdictKind.CONFOUNDED, best, tuple(listed), share, "several sets explain it")
     if _gained(held_out):
-        return Verdict("named", best, (), share, "one set explains it alone")
-    return Verdict("unresolved", None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen")
+        return Verdict(VerdictKind.NAMED, best, (), share, "one set explains it alone")
+    return Verdict(
+        VerdictKind.UNRESOLVED, None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen"
+    )
 
 
 def _gained(held_out: HeldOut | None) -> bool:
@@ -177,7 +185,7 @@ def _nearly(candidate: Candidate, residual_p: dict[tuple[str, ...], float]) -> b
 def with_open(verdict: Verdict, rivals: Sequence[Candidate]) -> Verdict:
     """A consistent verdict that says what may be there all the same. `rivals`: what a next test should tell apart."""
     likely = [f"{' + '.join(c.names)} ({c.probability:.2f})" for c in rivals if c.names]
-    if verdict.kind != "consistent" or not likely:
+    if verdict.kind != VerdictKind.CONSISTENT or not likely:
         return verdict
     return replace(verdict, why=f"{verdict.why}; not excluded: {', '.join(likely)}")
 
@@ -188,7 +196,7 @@ def with_near(verdict: Verdict, found: Sequence[Candidate]) -> Verdict:
     The test of what a set leaves hangs on the noise. A set that fails only that test, and is nearly as probable as the
     one that passes, is therefore an alternative.
     """
-    if verdict.kind not in ("named", "confounded") or verdict.chosen is None:
+    if verdict.kind not in (VerdictKind.NAMED, VerdictKind.CONFOUNDED) or verdict.chosen is None:
         return verdict
     best = verdict.chosen
     near = [
@@ -206,7 +214,7 @@ def with_near(verdict: Verdict, found: Sequence[Candidate]) -> Verdict:
         return replace(verdict, alternatives=alternatives)
     return replace(
         verdict,
-        kind="confounded",
+        kind=VerdictKind.CONFOUNDED,
         alternatives=alternatives,
         set_probability=best.probability,
         why="other sets are as probable or nearly so, though they leave more",

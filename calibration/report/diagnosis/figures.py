@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.diagnosis.document import Q95
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.steps.verdict import RESIDUAL_P
+from calibration.diagnosis.steps.verdict import RESIDUAL_P, VerdictKind
 from calibration.report import style
 from calibration.report.diagnosis import numbers, sets
 from calibration.report.diagnosis.numbers import Coordinate, Curve, Model
@@ -278,7 +278,7 @@ def _decades(odds: float) -> float:
 
 def _colours(found: Diagnosis) -> tuple[str, str]:
     """Of the models: a base model that explains everything is not in the colour of what is wrong."""
-    return (AFTER, AFTER) if found.verdict.kind == "consistent" else (BEFORE, AFTER)
+    return (AFTER, AFTER) if found.verdict.kind == VerdictKind.CONSISTENT else (BEFORE, AFTER)
 
 
 def _above(panel: Axes, name: str, i: int) -> None:

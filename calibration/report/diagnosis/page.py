@@ -11,6 +11,7 @@ from calibration.data.rows_used import few_used, in_words
 from calibration.diagnosis.document import NOTHING, next_tests_as_json
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.misread import MISREAD
+from calibration.diagnosis.steps.verdict import VerdictKind
 from calibration.report import along_dates, style
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
@@ -185,7 +186,7 @@ def _reference(found: Diagnosis) -> str:
     """The set that odds are of, in words."""
     if found.verdict.chosen is not None:
         return "the set that the verdict rests on"
-    return "the likeliest set" + " (the verdict rests on none)" * (found.verdict.kind == "unresolved")
+    return "the likeliest set" + " (the verdict rests on none)" * (found.verdict.kind == VerdictKind.UNRESOLVED)
 
 
 def _suspect_table(document: Mapping[str, Any]) -> Grid:

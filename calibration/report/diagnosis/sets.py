@@ -15,6 +15,7 @@ from calibration.diagnosis.sizes.sizes import sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.misread import MISREAD
+from calibration.diagnosis.steps.verdict import VerdictKind
 from calibration.fit.posterior import UNINFORMED
 from calibration.report.diagnosis.numbers import of_mode, of_motor
 from calibration.report.diagnosis.words import gain_in_figures, quantity
@@ -203,7 +204,7 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
 
 def blind_in_words(found: Diagnosis) -> str:
     """That nothing was to be seen, in a sentence; empty where an effect would have shown or something is said."""
-    if found.verdict.kind != "consistent" or not found.resolved:
+    if found.verdict.kind != VerdictKind.CONSISTENT or not found.resolved:
         return ""
     if any(one.seen_from is not None for one in found.resolved):
         return ""
@@ -216,7 +217,7 @@ def _averaged_over(found: Diagnosis) -> str:
     """What f_overall is averaged over once a diagnosis is made."""
     if found.verdict.chosen is not None:
         return "the sets that stand, weighed"
-    if found.verdict.kind != "unresolved":
+    if found.verdict.kind != VerdictKind.UNRESOLVED:
         return "what is not excluded, weighed in"
     return "all sets, weighed" if found.nuisances_corrected is None else "beside a smooth correction"
 

@@ -11,7 +11,7 @@ from calibration.data.rows_used import few_used, in_words
 from calibration.diagnosis.f_overall import f_overall_before
 from calibration.diagnosis.mismatch import Detected
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.steps.verdict import Verdict
+from calibration.diagnosis.steps.verdict import Verdict, VerdictKind
 from calibration.fit.posterior import FitQuality
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, words
@@ -50,7 +50,8 @@ def page(told: Told, detected: Detected | None = None, quality: FitQuality | Non
 
 def _as_diagnosis(detected: Detected, quality: FitQuality) -> Diagnosis:
     """The first steps of a diagnosis as one, for its pictures."""
-    verdict = Verdict("consistent" if quality.model_fits else "unresolved", None, (), 0.0, quality.why)
+    kind = VerdictKind.CONSISTENT if quality.model_fits else VerdictKind.UNRESOLVED
+    verdict = Verdict(kind, None, (), 0.0, quality.why)
     return Diagnosis(
         comparison=detected.comparison,
         base=detected.base,
