@@ -19,6 +19,7 @@ from calibration.systems.machines.next_tests import tests
 from calibration.systems.machines.noise import Noise, Whitener, ends
 from calibration.systems.machines.noise_test import NoiseTest
 from calibration.systems.machines.problem import WIDE, Problem
+from calibration.systems.machines.table import rows_used
 from calibration.unknowns.priors import Error, OfInstrument, Unknown
 from rig.recording import Recording
 
@@ -34,6 +35,7 @@ CHECK = (
     "the sign of the drive",
     "whether the pressures are absolute or gauge",
 )
+NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
 OF_SLIDE = {"N m": "N", "rad/s": "m/s", "N m s2": "N s2/m2", "N m s": "N s/m"}
 
 
@@ -200,4 +202,8 @@ class Comparison(Compared):
 
     def rows_used(self) -> list[FileUse]:
         """Rows used of each file, as ``files`` of diagnosis/1."""
-        return self.problem.rows_used()
+        seen = {one["file"]: one for one in self.problem.system.files}
+        return [
+            seen.get(file.file) or rows_used(file, {NOT_LOOKED_AT: np.ones(file.rows, dtype=bool)})
+            for file in self.problem.recording.files
+        ]

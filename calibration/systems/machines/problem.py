@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from calibration.data.clock import needs_clock
-from calibration.data.rows_used import FileUse
 from calibration.likelihood import compared
 from calibration.likelihood.compared import FARTHEST
 from calibration.systems.machines.readings import Flat
 from calibration.systems.machines.system import has_system, systems
-from calibration.systems.machines.table import rows_used, table_of
+from calibration.systems.machines.table import table_of
 from calibration.unknowns.priors import OfInstrument, OfRun, Unknown
 from model.effects import Effect, EffectParameter, effects
 from model.effects.laws import Chosen
@@ -21,7 +20,6 @@ from model.rigs.state import scaled
 from rig.recording import Recording, RecordingError
 
 COMMON = ("coulomb_friction", "stribeck_friction", "windage", "friction_warm_up")  # what any machine may have
-NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
 WIDE = 10.0  # sizes: the prior's deviation of an unknown of which nothing is known
 LEAST = 1e-9  # share of their prior's middle to which friction and displacement may fall
 
@@ -69,14 +67,6 @@ class Problem(compared.Problem):
         self._parameters = {
             (effect.id, one.name): scaled(one, self.sizes) for effect in effects().values() for one in effect.parameters
         }
-
-    def rows_used(self) -> list[FileUse]:
-        """Rows used of each file of the recording, as ``files`` of diagnosis/1."""
-        seen = {one["file"]: one for one in self.system.files}
-        return [
-            seen.get(file.file) or rows_used(file, {NOT_LOOKED_AT: np.ones(file.rows, dtype=bool)})
-            for file in self.recording.files
-        ]
 
     def effects_that_could(self) -> list[Effect]:
         """The effects that this rig could show, in the order of their ids."""
