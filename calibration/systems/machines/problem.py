@@ -9,7 +9,6 @@ import numpy as np
 
 from calibration.data.clock import needs_clock
 from calibration.likelihood import compared
-from calibration.likelihood.compared import FARTHEST
 from calibration.systems.machines.readings import Flat
 from calibration.systems.machines.system import has_system, systems
 from calibration.systems.machines.table import table_of
@@ -86,14 +85,14 @@ class Problem(compared.Problem):
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the nuisances [-], each shape (n_nuisances,)."""
-        low = np.full(len(self.nuisances), -FARTHEST)
+        low, high = super().bounds()
         for i, one in enumerate(self.nuisances):
             least = self._lows.get(one.name, -np.inf)
             if one.name in (self.friction, "displacement"):
                 least = max(least, LEAST * one.a)
             if np.isfinite(least):
                 low[i] = max(low[i], one.z(least))
-        return low, np.full(low.size, FARTHEST)
+        return low, high
 
     def run_of(self, i: int) -> int | None:
         """The file that a nuisance belongs to alone; None where it is of the whole recording [-]."""
