@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
-from typing import Any
 
 import numpy as np
 from scipy.special import bdtrc
@@ -22,6 +21,7 @@ from calibration.likelihood.mode import Mode
 from calibration.likelihood.signatures import signatures
 from calibration.report.diagnosis.words import place_in_words
 from calibration.systems.radial_piston.batch.effects import refuse_effects
+from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
 from calibration.systems.several.comparison import Several
 from calibration.systems.several.sharing import SHARED, Sharing
@@ -59,13 +59,13 @@ def judge(
     prepared, measured, _ = fits.prepare(recording, assignments, channels, effects)
     motor = prepared if assignments else None
     rows = as_fitted(recording, channels, motor)
-    if not _compares(rows):
+    if not measured.steady.compared.any():
         return FitQuality(1.0, True, UNTESTED)
     found = detect_mismatch(rows, np.random.default_rng(seed), tell, motor=motor)
     if effects:
         tell("with its effects")
         found = _with_effects(found, effects, np.random.default_rng(seed))
-    p, most_bad = _of_bad_readings(found.comparison, found.base)
+    p, most_bad = min((_of_bad_readings(part, mode) for _, part, mode in _each(found)), default=(1.0, ""))
     p = min(found.detection.p_value, p)
     if p >= MISMATCH_P:
         few = len(measured.steady) < FEWEST_ROWS
@@ -127,13 +127,14 @@ def _used(one: Recording, channels: Sequence[str], assignments: Sequence[str]) -
     return replace(used, ambient=_ambient_of(there, one.ambient))
 
 
-def _each(found: Detected) -> Iterator[tuple[str, Any, Mode]]:
+def _each(found: Detected) -> Iterator[tuple[str, Comparison, Mode]]:
     """Each recording by name, as it is compared, with its share of the mode."""
-    if isinstance(found.comparison, Several):
-        for k, (name, part) in enumerate(zip(found.comparison.names, found.comparison.parts, strict=True)):
-            yield f"{name}: ", part, found.comparison.of_part(k, found.base)
-    else:
-        yield "", found.comparison, found.base
+    comparison = found.comparison
+    if isinstance(comparison, Several):
+        for k, (name, part) in enumerate(zip(comparison.names, comparison.parts, strict=True)):
+            yield f"{name}: ", part, comparison.of_part(k, found.base)
+    elif isinstance(comparison, Comparison):
+        yield "", comparison, found.base
 
 
 def as_fitted(
@@ -174,26 +175,14 @@ def _ambient_of(motor: Motor, ambient: Ambient) -> Ambient:
     return replace(ambient, **{name: value for name, value in now.items() if getattr(ambient, name) is not None})
 
 
-def _compares(recording: Recording) -> bool:
-    """Whether any steady row has a flow or a turning speed that is on its instrument's scale."""
-    for file in recording.files:
-        for name in ("flow_l_min", "speed_rpm"):
-            column = file.columns.get(name)
-            if file.kind == "steady" and column is not None:
-                read = np.isfinite(column.values) & (column.censor == 0)
-                if np.any(read & ((column.values > 0.0) | (name == "flow_l_min"))):
-                    return True
-    return False
-
-
 def _with_effects(first: Detected, names: Sequence[str], rng: np.random.Generator) -> Detected:
     """The test of the model with effects, from that of the base model."""
     mode = find(first.comparison, tuple(sorted(names)), first.base, None)
-    found, free = signatures(first.comparison, mode), first.comparison.forces(mode)
+    found, free = signatures(first.comparison, mode), first.comparison.places.forces(mode)
     return Detected(first.comparison, mode, found, free, detect(first.comparison, mode, found, free, rng))
 
 
-def _of_bad_readings(comparison: Any, mode: Mode) -> tuple[float, str]:
+def _of_bad_readings(comparison: Comparison, mode: Mode) -> tuple[float, str]:
     """How often as many readings of a channel are bad [-], and words of it; (1, "") where they are single ones."""
     for kind, channel in ((SPEED, "speed"), (FLOW, "flow")):
         mine = (comparison.kind == kind) & comparison.known

@@ -1,7 +1,7 @@
-"""A recording as arrays, and which of its rows count: in SI for the diagnosis, in instruments' units for the fit.
+"""A recording as arrays, and which of its rows count.
 
-measurement   plateaus and zero rows, as the fit takes them
-blocks        plateaus, runs in time, standing and vented readings, as the diagnosis takes them
+measurement   plateaus and zero rows in the instruments' units, as the fit to plateaus takes them
+blocks        plateaus, runs in time, standing and vented readings in SI, as everything else takes them
 runs          runs in time as the diagnosis takes them
 runs_in_time  where a run begins, and which of its readings are bad
 rows_used     how many rows were used, and why not the rest

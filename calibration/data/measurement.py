@@ -41,6 +41,16 @@ class Rows:
         """Number of rows."""
         return int(self.row.size)
 
+    @property
+    def turning(self) -> np.ndarray:
+        """Which have a speed above 0 on its instrument's scale, shape (n,)."""
+        return (self.speed_state == OBSERVED) & (self.speed > 0.0)
+
+    @property
+    def compared(self) -> np.ndarray:
+        """Which have a flow or a turning speed on its instrument's scale, shape (n,)."""
+        return (self.flow_state == OBSERVED) | self.turning
+
 
 @dataclass(frozen=True)
 class Measurement:

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from calibration.data.measurement import OBSERVED, PRESSURE_LIMITS_BAR, gather
+from calibration.data.measurement import OBSERVED, PRESSURE_LIMITS_BAR, Rows, gather
 from calibration.data.runs_in_time import lone_zeros, release, turns
 from calibration.unknowns.priors import at_ambient
 from configs.units import BAR
@@ -76,29 +76,28 @@ def refuse_unusable(recording: Recording) -> None:
     `recording`: of a motor by name; another one passes.
     Raises RecordingError: file and row where there is one, what is wrong, and what to do.
     """
-    refuse_starved(recording)
-    refuse_out_of_range(recording)
-    refuse_at_rest(recording)
-    refuse_mistaken_gauge(recording)
-    refuse_mixed_units(recording)
-    refuse_wrong_supply(recording)
-
-
-def refuse_mistaken_gauge(recording: Recording) -> None:
-    """Refuse gauge pressures that are named absolute, or the reverse: the speeds tell.
-
-    They grow with pressure as no motor's do, and as this motor's do with the other kind of pressure. Raises
-    RecordingError: names the column that it looks like.
-    """
     if not recording.is_of_radial_piston:
         return
     motor = at_ambient(read_motor(recording.motor), recording)
-    P_a = motor.si("ambient_pressure") / BAR
+    room_bar = motor.si("ambient_pressure") / BAR
     rows = gather(recording, needs_plateaus=False).steady
-    declared = rows.pressure + np.where(rows.is_gauge, P_a, 0.0)
-    other = declared + np.where(rows.is_gauge, -P_a, P_a)
+    _refuse_starved(recording, rows, room_bar)
+    _refuse_out_of_range(recording, room_bar)
+    _refuse_at_rest(recording)
+    _refuse_mistaken_gauge(recording, rows, motor, room_bar)
+    _refuse_mixed_units(recording, rows, motor)
+    _refuse_wrong_supply(recording)
+
+
+def _refuse_mistaken_gauge(recording: Recording, rows: Rows, motor: Motor, room_bar: float) -> None:
+    """Refuse gauge pressures that are named absolute, or the reverse: the speeds tell.
+
+    They grow with pressure as no motor's do, and as this motor's do with the other kind of pressure.
+    """
+    declared = rows.pressure + np.where(rows.is_gauge, room_bar, 0.0)
+    other = declared + np.where(rows.is_gauge, -room_bar, room_bar)
     low, high = PRESSURE_LIMITS_BAR
-    turning = (rows.speed_state == OBSERVED) & (rows.speed > 0.0) & (declared > P_a) & (other > low) & (other < high)
+    turning = rows.turning & (declared > room_bar) & (other > low) & (other < high)
     if not turning.any():
         return
     as_declared = _shape_misfit(motor, declared[turning], rows.speed[turning])
@@ -127,27 +126,18 @@ def _shape_misfit(motor: Motor, pressure_bar: np.ndarray, speed_rpm: np.ndarray)
     return float(np.quantile(np.abs(ratio / middle - 1.0), 0.8))
 
 
-def refuse_mixed_units(recording: Recording) -> None:
+def _refuse_mixed_units(recording: Recording, rows: Rows, motor: Motor) -> None:
     """Refuse flows and speeds that cannot both be in the units of their names: a turn takes in what the cylinders hold.
 
-    Raises RecordingError when the plateaus' flow over speed is three times what the displacement allows, or a third of
-    it, at the median.
+    That is where the plateaus' flow over speed is three times what the displacement allows, or a third of it, at the
+    median.
     """
-    if not recording.is_of_radial_piston:
+    turning = rows.turning & (rows.flow_state == OBSERVED) & (rows.flow > 0.0)
+    ratios = rows.flow[turning] / rows.speed[turning]
+    if ratios.size < FEWEST_ROWS:
         return
-    ratios, files = [], []
-    for file in recording.files:
-        flow, speed = file.columns.get("flow_l_min"), file.columns.get("speed_rpm")
-        if file.kind != "steady" or flow is None or speed is None:
-            continue
-        turns = (speed.censor == 0) & (speed.values > 0.0) & (flow.censor == 0) & (flow.values > 0.0)
-        if "rotor_locked" in file.columns:
-            turns &= ~(file.columns["rotor_locked"].values > 0.5)
-        ratios += (flow.values[turns] / speed.values[turns]).tolist()
-        files += [file.file] * bool(turns.any())
-    if len(ratios) < FEWEST_ROWS:
-        return
-    volume = swept_volume(read_motor(recording.motor).vector())
+    files = dict.fromkeys(rows.file[i] for i in np.flatnonzero(turning))
+    volume = swept_volume(motor.vector())
     factor = float(np.median(ratios)) / (1000.0 * volume * FULL)
     if 1.0 / MOST_OFF <= factor <= MOST_OFF:
         return
@@ -160,14 +150,12 @@ def refuse_mixed_units(recording: Recording) -> None:
     )
 
 
-def refuse_wrong_supply(recording: Recording) -> None:
+def _refuse_wrong_supply(recording: Recording) -> None:
     """Refuse runs in time whose speed contradicts supply_open.
 
-    Raises RecordingError when the speed falls by a fifth of its highest while the supply is said or taken to be open,
-    or rises by as much while it is closed.
+    That is where the speed falls by a fifth of its highest while the supply is said or taken to be open, or rises by as
+    much while it is closed.
     """
-    if not recording.is_of_radial_piston:
-        return
     for file in recording.files:
         time, read = file.columns.get("time_s"), file.columns.get("speed_rpm")
         if file.kind != "transient" or time is None or read is None or not turns(recording, file):
@@ -249,26 +237,18 @@ def swept_volume(parameters: np.ndarray) -> float:
     return float(np.ptp(volumes)) * float(parameters[at.N_PISTONS] * parameters[at.N_LOBES])
 
 
-def refuse_starved(recording: Recording) -> None:
+def _refuse_starved(recording: Recording, rows: Rows, room_bar: float) -> None:
     """Refuse absolute pressures that are not above the room's while the rotor turns: a gauge's, under a wrong name.
 
-    Raises RecordingError when this is so in more than half of the steady rows at which the rotor turns.
+    That is where this is so in more than half of the plateaus at which the rotor turns.
     """
-    if not recording.is_of_radial_piston:
-        return
-    P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / BAR
-    turning, starved = 0, []
-    for file in recording.files:
-        pressure, speed = file.columns.get("pressure_bar_abs"), file.columns.get("speed_rpm")
-        if file.kind != "steady" or pressure is None or speed is None:
-            continue
-        turns = (speed.censor == 0) & (speed.values > 0.0) & (pressure.censor == 0) & np.isfinite(pressure.values)
-        turning += int(turns.sum())
-        starved += [
-            f"{file.file}, row {i + 1}, column pressure_bar_abs: '{pressure.values[i]:g}' is not above the room's "
-            f"{P_a:.3f} bar, yet the rotor turns at {speed.values[i]:g} rpm"
-            for i in np.flatnonzero(turns & (pressure.values <= P_a))
-        ]
+    turns = rows.turning & ~rows.is_gauge
+    turning = int(turns.sum())
+    starved = [
+        f"{rows.file[i]}, row {rows.row[i]}, column pressure_bar_abs: '{rows.pressure[i]:g}' is not above the room's "
+        f"{room_bar:.3f} bar, yet the rotor turns at {rows.speed[i]:g} rpm"
+        for i in np.flatnonzero(turns & (rows.pressure <= room_bar))
+    ]
     if len(starved) > MOST_STARVED * turning:
         more = f", and so in {len(starved) - 1} rows more" if len(starved) > 1 else ""
         raise RecordingError(
@@ -277,14 +257,8 @@ def refuse_starved(recording: Recording) -> None:
         )
 
 
-def refuse_out_of_range(recording: Recording) -> None:
-    """Refuse plateaus at pressures that the air properties do not reach.
-
-    Raises RecordingError: names the first such row.
-    """
-    if not recording.is_of_radial_piston:
-        return
-    P_a = at_ambient(read_motor(recording.motor), recording).si("ambient_pressure") / BAR
+def _refuse_out_of_range(recording: Recording, room_bar: float) -> None:
+    """Refuse steady rows at pressures that the air properties do not reach, be the rotor held or not."""
     low, high = PRESSURE_LIMITS_BAR
     for file in recording.files:
         name, gauge = pressure_in(file.columns)
@@ -292,7 +266,7 @@ def refuse_out_of_range(recording: Recording) -> None:
         if file.kind != "steady" or name not in file.columns:
             continue
         column = file.columns[name]
-        absolute = column.values + (P_a if gauge else 0.0)
+        absolute = column.values + (room_bar if gauge else 0.0)
         outside = np.flatnonzero((column.censor == 0) & ((absolute < low) | (absolute > high)))
         if outside.size:
             i = int(outside[0])
@@ -303,13 +277,8 @@ def refuse_out_of_range(recording: Recording) -> None:
             )
 
 
-def refuse_at_rest(recording: Recording) -> None:
-    """Refuse recordings in which the rotor never turns: there is no speed to compare.
-
-    Raises RecordingError when this is so. Rows in which no speed was read say nothing either way.
-    """
-    if not recording.is_of_radial_piston:
-        return
+def _refuse_at_rest(recording: Recording) -> None:
+    """Refuse recordings in which the rotor never turns: rows in which no speed was read say nothing either way."""
     files = [file for file in recording.files if "speed_rpm" in file.columns]
     files = [file for file in files if np.isfinite(file.columns["speed_rpm"].values).any()]
     if files and not any(turns(recording, file) for file in files):

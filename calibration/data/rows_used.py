@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
@@ -26,12 +26,21 @@ NOTHING_AT_ZERO = "nothing was read"
 LEFT_OUT = "left out by --without"
 
 
-def by_fit(recording: Recording, measured: Measurement) -> list[dict[str, Any]]:
+class FileUse(TypedDict):
+    """How many rows of a file are used, and why not the rest: an entry of `files`."""
+
+    file: str
+    rows: int
+    rows_used: int
+    why: str
+
+
+def by_fit(recording: Recording, measured: Measurement) -> list[FileUse]:
     """Of a fit, as `files` of posterior/1."""
     return _files(recording, _numbers(measured.steady, measured.zero), NOT_IN_A_FIT)
 
 
-def by_diagnosis(recording: Recording, blocks: Blocks) -> list[dict[str, Any]]:
+def by_diagnosis(recording: Recording, blocks: Blocks) -> list[FileUse]:
     """Of a diagnosis, as `files` of diagnosis/1."""
     used = _numbers(blocks.measured.zero)
     plateaus = blocks.plateaus
@@ -49,38 +58,36 @@ def by_diagnosis(recording: Recording, blocks: Blocks) -> list[dict[str, Any]]:
     return _files(recording, used, OUTSIDE)
 
 
-def few_used(files: Sequence[Mapping[str, Any]]) -> list[str]:
+def use_of(file: RecordingFile, not_used: int, why: str) -> FileUse:
+    """What is used of a file. `not_used`: rows of it that are not [-]."""
+    return {"file": file.file, "rows": file.rows, "rows_used": file.rows - not_used, "why": why}
+
+
+def few_used(files: Sequence[FileUse]) -> list[str]:
     """A warning for each file of which less than nine tenths of the rows are used."""
     return [
         f"{_of(one)} are used; not used: {one['why']}" for one in files if one["rows_used"] < FEW_ROWS * one["rows"]
     ]
 
 
-def in_words(files: Sequence[Mapping[str, Any]]) -> str:
+def in_words(files: Sequence[FileUse]) -> str:
     """What a fit or a diagnosis rests on, by its `files`."""
     said = [_of(one) for one in files if one["rows_used"]]
     rest = len(said) - MOST_FILES
     return f"{'; '.join(said[:MOST_FILES])}{f'; and {rest} files more' if rest > 0 else ''}"
 
 
-def _of(one: Mapping[str, Any]) -> str:
+def _of(one: FileUse) -> str:
     return f"{one['file']}: {one['rows_used']} of {one['rows']} rows"
 
 
-def _files(recording: Recording, used: Mapping[str, set[int]], in_time: str) -> list[dict[str, Any]]:
+def _files(recording: Recording, used: Mapping[str, set[int]], in_time: str) -> list[FileUse]:
     """An entry a file; ``used`` has the numbers of the rows used by file, ``in_time`` why not the rest of a run."""
     found = []
     for file in recording.files:
         mine = used.get(file.file, set())
         left = np.array(sorted(set(range(1, file.rows + 1)) - mine), dtype=int) - 1
-        found.append(
-            {
-                "file": file.file,
-                "rows": file.rows,
-                "rows_used": file.rows - left.size,
-                "why": _why(recording, file, left, in_time) if left.size else "",
-            }
-        )
+        found.append(use_of(file, left.size, _why(recording, file, left, in_time) if left.size else ""))
     return found
 
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.f_overall import UNSEEN
-from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.diagnosis.sizes.sizes import LAW
 from calibration.diagnosis.steps.candidate import Candidate
-from calibration.diagnosis.steps.verdict import is_small
+from calibration.diagnosis.steps.verdict import VerdictKind, is_small
 from calibration.likelihood.function import Function
 from calibration.likelihood.tails import log_ratio
 from calibration.systems.several.sharing import OF_THE_MOTOR_CHANGED, Sharing
@@ -75,9 +75,9 @@ def changes_in(names: Sequence[str]) -> tuple[str, ...]:
 def answer(found: Diagnosis) -> Answer:
     """What the verdict on the sets says of a change."""
     verdict = found.verdict
-    if verdict.kind == "consistent" or (verdict.kind == "named" and verdict.chosen is None):
+    if verdict.kind == VerdictKind.CONSISTENT or (verdict.kind == VerdictKind.NAMED and verdict.chosen is None):
         return Answer.UNCHANGED  # single readings that are off are no change
-    if verdict.kind == "unresolved" or verdict.chosen is None:
+    if verdict.kind == VerdictKind.UNRESOLVED or verdict.chosen is None:
         return Answer.UNRESOLVED
     said = [changes_in(names) for names in (verdict.chosen.names, *verdict.alternatives)]
     if not any(said):
@@ -112,7 +112,7 @@ def moved(found: Diagnosis, one: Candidate, change: str) -> list[Moved]:
 
     What is not known of the laws is the same on both days, and moves both values alike.
     """
-    problem, rng = found.comparison.problem, np.random.default_rng(0)
+    problem, rng = several_of(found).problem, np.random.default_rng(0)
     f, mode = Function(found.comparison, one.names), one.mode
     z = rng.multivariate_normal(mode.z, mode.covariance, DRAWS, method="cholesky")
     inside = np.all((z >= f.low) & (z <= f.high), axis=1)

@@ -11,7 +11,7 @@ from calibration.data.dates import as_text
 from calibration.diagnosis import changes
 from calibration.diagnosis.changes import Answer, Moved
 from calibration.diagnosis.document import next_tests_as_json
-from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.systems.several.sharing import OF_THE_MOTOR_CHANGED
 from calibration.unknowns.effects import changed, unchanged
@@ -24,7 +24,7 @@ LEAST = 1e-3  # probability of a change that is told without being in a set that
 
 def as_json(found: Diagnosis) -> dict[str, Any]:
     """A comparison as a mapping."""
-    problem, verdict = found.comparison.problem, found.verdict
+    problem, verdict = several_of(found).problem, found.verdict
     said = changes.answer(found)
     listed = _listed(found, said)
     names = dict.fromkeys(name for one in listed for name in changes.changes_in(one.names))

@@ -32,6 +32,7 @@ from calibration.diagnosis.steps.verdict import (
     MISMATCH_P,
     RESIDUAL_P,
     Verdict,
+    VerdictKind,
     judge,
     not_excluded,
     with_near,
@@ -63,7 +64,7 @@ class _Searched:
 class _Said:
     """What is said so far."""
 
-    verdict: Verdict[Mode]
+    verdict: Verdict
     detection: Detection
     bad: list[BadRow]
     misread: frozenset[tuple[str, ...]]
@@ -71,7 +72,7 @@ class _Said:
 
     def unresolved(self, why: str) -> _Said:
         """The same with a refusal in the verdict's place."""
-        return replace(self, verdict=Verdict("unresolved", None, (), 0.0, why), bad=[], misread=frozenset())
+        return replace(self, verdict=Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, why), bad=[], misread=frozenset())
 
 
 def diagnose(
@@ -139,7 +140,7 @@ def _explain(
     clock("locate")
     places = _places(comparison, first, said, base)
     verdict, unnamed = said.verdict, Unexplained(said.verdict.why, held_out=held_out)
-    if verdict.kind == "unresolved":
+    if verdict.kind == VerdictKind.UNRESOLVED:
         clock("look for a law")
         unnamed = unexplained(comparison, base, said.detection, verdict.why, unseen_run, rng)
     rivals = _rivals(comparison, candidates, verdict)[:MOST_RIVALS]
@@ -183,18 +184,16 @@ def _said(
         held_out = unseen_run = predict_unseen(comparison, searched.base, verdict.chosen.mode, hold_out)
         verdict = _held_against(verdict, unseen_run)
     said = _single_readings(comparison, verdict, searched)
-    if said.verdict.kind in ("named", "confounded"):
+    if said.verdict.kind in (VerdictKind.NAMED, VerdictKind.CONFOUNDED):
         clock("a step in time instead")
         said = _held_against_a_step(comparison, said, searched.base)
     return said, held_out, unseen_run
 
 
-def _not_seen(
-    search: Search, verdict: Verdict[Mode], rng: np.random.Generator
-) -> dict[tuple[str, ...], list[Undetected]]:
+def _not_seen(search: Search, verdict: Verdict, rng: np.random.Generator) -> dict[tuple[str, ...], list[Undetected]]:
     """Effects too small to be seen beside each of the sets that are said."""
     chosen = verdict.chosen.names if verdict.chosen else ()
-    averaged = [] if verdict.kind == "unresolved" else [chosen, *verdict.alternatives]
+    averaged = [] if verdict.kind == VerdictKind.UNRESOLVED else [chosen, *verdict.alternatives]
     if search.comparison.rig:  # a machine's friction is no figure of its own: it is that of the sets that are said
         return {names: [] for names in averaged}
     return {
@@ -209,7 +208,7 @@ def _of_something_else(first: Detected, off: str, clock: StepClock) -> Diagnosis
     if not detection.p_value < MISMATCH_P:
         detection = replace(detection, p_value=CERTAIN_P, extrapolated=True)
     clock("")
-    verdict: Verdict[Mode] = Verdict("unresolved", None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
+    verdict = Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, f"{NOT_DESCRIBED}: {off}")
     return Diagnosis(
         comparison=first.comparison,
         base=first.base,
@@ -262,7 +261,7 @@ def _search(
 
 def _judge(
     searched: _Searched, comparison: Compared, residuals: Residuals, clock: StepClock
-) -> tuple[Verdict[Mode], HeldOut | None]:
+) -> tuple[Verdict, HeldOut | None]:
     """The verdict, and the cross-validation of the set that it rests on."""
     best, held_out, candidates = None, None, searched.candidates
     if searched.detection.p_value < MISMATCH_P:
@@ -275,25 +274,25 @@ def _judge(
         verdict = with_near(verdict, candidates)
     if best is not None and verdict.chosen is not None and verdict.chosen.names != best.names:
         held_out = cross_validate(comparison, candidates, verdict.chosen.names)  # it counts the folds that chose it
-    return verdict, None if verdict.kind == "consistent" else held_out  # ... it was of a set that is not said
+    return verdict, None if verdict.kind == VerdictKind.CONSISTENT else held_out  # ... it was of a set that is not said
 
 
-def _held_against(verdict: Verdict[Mode], unseen_run: HeldOut) -> Verdict[Mode]:
+def _held_against(verdict: Verdict, unseen_run: HeldOut) -> Verdict:
     """The verdict, where a set that is named predicts an unseen run better; else a refusal."""
-    if verdict.kind != "named" or verdict.chosen is None or unseen_run.gain > ERRORS * unseen_run.gain_se:
+    if verdict.kind != VerdictKind.NAMED or verdict.chosen is None or unseen_run.gain > ERRORS * unseen_run.gain_se:
         return verdict
     words = f"{' and '.join(verdict.chosen.names)} does not predict the unseen run better"
-    return Verdict("unresolved", None, (), 0.0, words)
+    return Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, words)
 
 
-def _single_readings(comparison: Compared, verdict: Verdict[Mode], searched: _Searched) -> _Said:
+def _single_readings(comparison: Compared, verdict: Verdict, searched: _Searched) -> _Said:
     """What single readings do to the verdict: misread ones may be all that is wrong."""
     base = searched.base
     # Of a model that does not fit, no reading can be said to be off.
-    unfit = verdict.kind == "unresolved"
+    unfit = verdict.kind == VerdictKind.UNRESOLVED
     bad = [] if unfit else bad_rows(comparison, verdict.chosen.mode if verdict.chosen else base)
     said = _Said(verdict, searched.detection, bad, with_misread(comparison, verdict, searched.candidates))
-    if verdict.kind != "consistent" or not bad:
+    if verdict.kind != VerdictKind.CONSISTENT or not bad:
         return said
     chance = by_chance(comparison, base)
     if chance >= MISMATCH_P:
@@ -304,7 +303,9 @@ def _single_readings(comparison: Compared, verdict: Verdict[Mode], searched: _Se
         place = f"{end[0]}, row {end[1]}, is the only one at that end of the pressures"
         return said.unresolved(f"{place}: it may be misread, or the motor does something else there")
     probability = min(row[3] for row in bad)
-    return replace(said, verdict=Verdict("named", None, (), probability, "single readings that nothing explains"))
+    return replace(
+        said, verdict=Verdict(VerdictKind.NAMED, None, (), probability, "single readings that nothing explains")
+    )
 
 
 def _held_against_a_step(comparison: Compared, said: _Said, base: Mode) -> _Said:
@@ -320,9 +321,9 @@ def _held_against_a_step(comparison: Compared, said: _Said, base: Mode) -> _Said
 def _places(comparison: Compared, first: Detected, said: _Said, base: Mode) -> list[Place]:
     """Where the base model does not close."""
     verdict, chosen = said.verdict, said.verdict.chosen
-    if verdict.kind == "consistent":
+    if verdict.kind == VerdictKind.CONSISTENT:
         return []
-    if verdict.kind == "named" and chosen is None:
+    if verdict.kind == VerdictKind.NAMED and chosen is None:
         return rows_as_places(said.bad)
     acts_in = comparison.problem.effect(chosen.names[0]).acts_in if chosen and len(chosen.names) == 1 else ""
     places = locate(comparison, base, said.detection, first.free, acts_in)
@@ -340,11 +341,11 @@ def _next_tests(comparison: Compared, rivals: Sequence[Candidate], clock: StepCl
     return propose(comparison, rivals)
 
 
-def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict[Mode]) -> list[Candidate]:
+def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict) -> list[Candidate]:
     """Sets that a next test should tell apart; none where nothing is open."""
-    if verdict.kind == "named":
+    if verdict.kind == VerdictKind.NAMED:
         return []
-    if verdict.kind == "consistent":
+    if verdict.kind == VerdictKind.CONSISTENT:
         base = [c for c in candidates if not c.names]
         hidden = behind_friction(comparison, base[0], candidates) if base else []
         likely = [*hidden, *(c for c in not_excluded(candidates) if c not in hidden)]

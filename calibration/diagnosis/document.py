@@ -17,7 +17,8 @@ from calibration.diagnosis.sizes.sizes import Size, sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import HeldOut, Predicted
 from calibration.diagnosis.steps.misread import MISREAD, by_chance
-from calibration.diagnosis.steps.verdict import Verdict
+from calibration.diagnosis.steps.verdict import Verdict, VerdictKind
+from calibration.systems.several.problem import SeveralProblem
 from calibration.unknowns.priors import Unknown
 from rig.recording.safe_text import finite
 
@@ -40,7 +41,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
     verdict = found.verdict
     document = {
         "format": FORMAT,
-        "verdict": verdict.kind,
+        "verdict": verdict.kind.value,
         "mismatch": {"p_value": found.detection.p_value, "beyond_the_draws": found.detection.extrapolated},
         "located": [asdict(place) for place in found.places[:MOST_PLACES]],
         "set_probability": verdict.set_probability if found.comparison.rig else set_probability(verdict),
@@ -61,7 +62,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
         ],
         "resolves": [{"id": one.effect, **{key: getattr(one, key) for key in OF_A_RESOLVED}} for one in found.resolved],
-        "not_observable": found.comparison.not_observable(found.base),
+        "not_observable": found.comparison.places.not_observable(found.base),
         "check": list(found.comparison.check) if found.not_described else [],
         "why": verdict.why,
         "files": found.comparison.rows_used(),
@@ -73,15 +74,15 @@ def set_probability(verdict: Verdict) -> float:
     """How probable the set is that a verdict rests on, lowered to what came true [-]."""
     if verdict.chosen is not None:
         return verdict.set_probability * WHOLE
-    return verdict.set_probability * (ROWS_ALONE if verdict.kind == "named" else 1.0)
+    return verdict.set_probability * (ROWS_ALONE if verdict.kind == VerdictKind.NAMED else 1.0)
 
 
 def _effects(found: Diagnosis) -> list[dict[str, Any]]:
     verdict = found.verdict
-    if verdict.kind == "unresolved":
+    if verdict.kind == VerdictKind.UNRESOLVED:
         return [dict(UNKNOWN)]
     if verdict.chosen is None:
-        return [_bad_reading(found, found.detection.p_value)] if verdict.kind == "named" else []
+        return [_bad_reading(found, found.detection.p_value)] if verdict.kind == VerdictKind.NAMED else []
     listed = []
     if verdict.chosen.names in found.misread:
         listed.append(_bad_reading(found, by_chance(found.comparison, verdict.chosen.mode)))
@@ -130,7 +131,7 @@ def _sizes(found: Diagnosis, chosen: Candidate, name: str) -> dict[str, Any]:
     def parameters(whose: str) -> dict[str, dict[str, Any]]:
         return {one.unknown.own: _size(found, one) for one in sizes if one.unknown.whose == whose}
 
-    if not any(one.unknown.whose for one in sizes):
+    if not isinstance(problem, SeveralProblem) or not any(one.unknown.whose for one in sizes):
         return {"parameters": parameters("")}
     recordings = [
         {"recording": mine, "date": as_text(problem.dates[mine]), "parameters": parameters(mine)}

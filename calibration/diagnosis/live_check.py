@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data.measurement import OBSERVED, gather
+from calibration.data.measurement import gather
 from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.detect import MISMATCH_P
 from calibration.diagnosis.steps.locate import Place, locate
@@ -64,6 +64,4 @@ def check(recording: Recording, seed: int = 0) -> Checked:
 
 def _comparable(recording: Recording) -> int:
     """Plateaus with a pressure, and a speed or a flow on its scale."""
-    rows = gather(recording).steady
-    seen = (rows.flow_state == OBSERVED) | ((rows.speed_state == OBSERVED) & (rows.speed > 0.0))
-    return int(np.sum(seen & np.isfinite(rows.pressure)))
+    return int(np.sum(gather(recording).steady.compared))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from rig.recording import Recording, RecordingError
 class Detected:
     """What the base model and the test of it come to, before anything is looked for."""
 
-    comparison: Any  # a Compared
+    comparison: Compared
     base: Mode
     found: list[Signature]
     free: list[Force]
@@ -78,5 +77,5 @@ def fit_base(
 
 def test_base(comparison: Compared, base: Mode, rng: np.random.Generator) -> Detected:
     """Whether anything is missing from the base model."""
-    found, free = signatures(comparison, base), comparison.forces(base)
+    found, free = signatures(comparison, base), comparison.places.forces(base)
     return Detected(comparison, base, found, free, detect(comparison, base, found, free, rng))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -19,7 +19,9 @@ from calibration.diagnosis.steps.discover import Term
 from calibration.diagnosis.steps.locate import Place
 from calibration.diagnosis.steps.misread import BadRow
 from calibration.diagnosis.steps.verdict import Verdict
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
+from calibration.systems.several.comparison import Several
 
 
 @dataclass(kw_only=True)
@@ -40,14 +42,14 @@ class Diagnosis:
     `promised`: what tests that were asked for before have given.
     """
 
-    comparison: Any  # a Compared; the report of a system knows its own better
+    comparison: Compared
     base: Mode
     detection: Detection
     places: list[Place]
     candidates: list[Candidate]
     residual_p: dict[tuple[str, ...], float]
     left: dict[tuple[str, ...], float]
-    verdict: Verdict[Mode]
+    verdict: Verdict
     held_out: HeldOut | None = None
     term: Term | None = None
     next_tests: list[NextTest] = field(default_factory=list)
@@ -63,16 +65,20 @@ class Diagnosis:
     promised: list[Kept] = field(default_factory=list)
 
 
+def several_of(found: Diagnosis) -> Several:
+    """The recordings that were held against each other."""
+    return cast(Several, found.comparison)
+
+
 def of_each_recording(found: Diagnosis) -> dict[str, Diagnosis]:
     """What was found, as each of several recordings shows it, by their names; of one recording, as it is."""
     several = found.comparison
-    if not hasattr(several, "parts"):
+    if not isinstance(several, Several):
         return {several.problem.recording.folder.name: found}
-    return {name: _of_one(found, k) for k, name in enumerate(several.names)}
+    return {name: _of_one(found, several, k) for k, name in enumerate(several.names)}
 
 
-def _of_one(found: Diagnosis, k: int) -> Diagnosis:
-    several = found.comparison
+def _of_one(found: Diagnosis, several: Several, k: int) -> Diagnosis:
     at, share = several.at[k], several.problem.share(k)
 
     def own(one: Candidate) -> Candidate:

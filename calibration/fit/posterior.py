@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.rows_used import FileUse
 from calibration.fit.sampling import Chain
 from calibration.unknowns.priors import Unknown, values_of
 
@@ -129,9 +130,7 @@ def thinned(flat: np.ndarray, most: int = DRAWS_FOR_ROWS) -> np.ndarray:
     return flat[:: -(-len(flat) // most)]
 
 
-def as_json(
-    posterior: Posterior, quality: FitQuality | None = None, files: Sequence[dict[str, Any]] = ()
-) -> dict[str, Any]:
+def as_json(posterior: Posterior, quality: FitQuality | None = None, files: Sequence[FileUse] = ()) -> dict[str, Any]:
     """As posterior/1.
 
     `quality`: whether the model explains the readings; null where that was not asked.

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
 from calibration.fit.sampling import Begun, Progress, Settings
 from calibration.fit.surrogate import Surrogate
 from calibration.fit.transport import REACH
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.comparison import Several
@@ -84,7 +86,7 @@ def parts_of(comparison: Comparison | Several) -> Iterator[tuple[str, Comparison
 
 def fit(
     recordings: Sequence[Recording],
-    comparison: Comparison | Several,
+    comparison: Compared,
     mode: Mode,
     settings: Settings,
     chain_folder: Path | None = None,
@@ -100,7 +102,8 @@ def fit(
     ever proposed.
     """
     begun = time.monotonic()
-    target = Integrated(comparison, mode)
+    # Who judged it has refused every other machine.
+    target = Integrated(cast("Comparison | Several", comparison), mode)
     _refuse_far_out(target)
     mark = _fingerprint(recordings, target, settings)
     if chain_folder is not None:
@@ -133,7 +136,7 @@ def fit(
     result = posterior.summarise(
         chain, target.unknowns, suspects, time.monotonic() - begun, target.of_recordings, draws
     )
-    return WholeFit(tuple(recordings), comparison, mode, target, result, chosen, mode.names, bands)
+    return WholeFit(tuple(recordings), target.comparison, mode, target, result, chosen, mode.names, bands)
 
 
 def _start_points(target: Integrated, flat: np.ndarray, rng: np.random.Generator) -> np.ndarray:

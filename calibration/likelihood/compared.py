@@ -5,6 +5,8 @@ A system is `calibration.systems.radial_piston`, the article's motor, or one tha
 parameters of the effects in question. The noise is a few numbers u, normal a priori with deviations ``spread``: the
 logarithms of noise scales first, then what tells how alike neighbours are.
 
+What most systems answer alike, `Problem`, `Noise` and `Compared` answer here: a system inherits them and says the rest.
+
 In all that obeys the protocol: m readings, n unknowns, k numbers of the noise. A point ``z`` has the shape (n,) [-], a
 noise ``u`` the shape (k,) [-], derivatives ``D`` the shape (m, n) [SI], differences of readings the shape (m,) [SI].
 """
@@ -12,22 +14,27 @@ noise ``u`` the shape (k,) [-], derivatives ``D`` the shape (m, n) [SI], differe
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from calibration.data.rows_used import FileUse
+from calibration.likelihood.noise_test import NoiseTest
+from calibration.likelihood.shapes import Places
+from calibration.unknowns.effects import searched
 from calibration.unknowns.priors import Unknown
-from model.effects import Effect, EffectParameter
+from model.effects import Effect, EffectParameter, effects
+from model.effects.laws import Chosen
 from rig.recording import Recording
 
 if TYPE_CHECKING:
     from calibration.likelihood.expected import Test
     from calibration.likelihood.function import Function
     from calibration.likelihood.mode import Mode
-    from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
 
-Prediction = Any  # what a system says at a point; it alone looks into it
-Chosen = dict[str, dict[str, float]]
+Prediction = Any  # what a system says at a point; what is in it, the system and its report know
+FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
 
 
 class Row(NamedTuple):
@@ -43,44 +50,66 @@ class Problem(Protocol):
     """The unknowns of a recording, and the predictions of its readings.
 
     `friction`: the nuisance that every machine has: its viscous friction.
+    `given`: values of effects' parameters that are no unknowns, by (effect, parameter) [own unit].
     """
 
     friction: str
     recording: Recording
     nuisances: list[Unknown]
+    given: Mapping[tuple[str, str], float] = MappingProxyType({})
 
     def effects_that_could(self) -> list[Effect]:
         """The effects that this recording could show."""
 
     def effect(self, name: str) -> Effect:
         """An effect that could be, by its id."""
+        return effects()[name]
 
     def nuisance_of(self, effect: str, parameter: str) -> str:
         """The nuisance that a parameter of an effect has the form of; empty where there is none."""
+        return self.effect(effect).nuisance
 
     def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
         """Effect id and unknown of each parameter of a set, in its order."""
+        return [
+            (name, searched(self.parameter(name, one.name)))
+            for name in names
+            for one in self.effect(name).parameters
+            if (name, one.name) not in self.given
+        ]
 
     def parameter(self, effect: str, name: str) -> EffectParameter:
         """A parameter of an effect: its bounds and its scale on this system."""
+        return next(one for one in self.effect(effect).parameters if one.name == name)
 
     def amplitude(self, effect: str) -> EffectParameter:
         """The parameter of an effect that says how large it is."""
+        return self.parameter(effect, self.effect(effect).amplitude.name)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the nuisances [-], each shape (n_nuisances,)."""
+        return np.full(len(self.nuisances), -FARTHEST), np.full(len(self.nuisances), FARTHEST)
 
     def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
         """Values of the effects' parameters [own units], by effect.
 
         `z`, shape (k,): the effects' share of the point [-].
         """
+        found: dict[str, dict[str, float]] = {name: {} for name in names}
+        for (name, parameter), value in self.given.items():
+            if name in found:
+                found[name][parameter] = value
+        for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
+            found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
+        return found
 
     def place(self, name: str) -> int | None:
         """Where a nuisance stands among the unknowns; None where it is none of this recording."""
+        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
 
     def in_si(self, nuisance: str) -> float:
         """What a nuisance's value is multiplied by to be SI [-]."""
+        return 1.0
 
     def run_of(self, i: int) -> int | None:
         """The run in time that a nuisance belongs to alone; None where it is of the whole recording [-]."""
@@ -104,6 +133,7 @@ class Problem(Protocol):
 
     def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: Prediction) -> Any:
         """What makes predictions close to a point cheap; None where nothing does."""
+        return None
 
 
 class Whitener(Protocol):
@@ -137,12 +167,14 @@ class Noise(Protocol):
 
     def told(self, u: np.ndarray) -> list[dict[str, Any]]:
         """The noise of each array of readings with its label, scale and correlation; empty where that is not told."""
+        return []
 
     def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
         """What is loudest and its noise in declared ones [-], where that is not believable; None where it is."""
+        return None
 
 
-class NoiseTest(Protocol):
+class NoiseEstimates(Protocol):
     """Estimates of the noise in the test for a mismatch, beside everything that may be missing."""
 
     def of(self, difference: np.ndarray, noise: np.ndarray) -> np.ndarray:
@@ -162,7 +194,6 @@ class Compared(Protocol):
     `known`, shape (m,): where there is one.
     `end`: readings behind this place are means of many, of which none is bad by itself [-].
     `of_a_kind`, `again`: places of the readings of each kind, and of those of a state that was visited more than once.
-    `rows`: the first readings that are rows by themselves.
     `in_time`: whether there are runs in time: a refit takes seconds.
     `thorough`: whether every effect is refitted, whatever the linear model says of it.
     `trusting`: whether no reading is taken for bad.
@@ -171,31 +202,41 @@ class Compared(Protocol):
         noise and zeros are known less well than they are declared, and a fit takes milliseconds.
     """
 
-    problem: Any  # a Problem; each system knows its own better
-    noise: Any  # a Noise
+    problem: Problem
+    noise: Noise
     read: np.ndarray
     known: np.ndarray
     end: int
     of_a_kind: tuple[np.ndarray, ...]
-    again: tuple[np.ndarray, ...]
-    in_time: bool
-    thorough: bool
-    trusting: bool
+    again: tuple[np.ndarray, ...] = ()
+    in_time: bool = False
+    thorough: bool = False
+    trusting: bool = False
     check: tuple[str, ...]
-    rig: str
+    rig: str = ""
+    friction_unit: str = "N m s"
 
     @property
     def size(self) -> int:
         """Number of readings [-]."""
+        return int(self.known.sum())
 
     @property
-    def rows(self) -> list[Row]: ...
+    def rows(self) -> list[Row]:
+        """Those that are rows of a file by themselves, the first of all."""
+        return []
+
+    @property
+    def places(self) -> Places:
+        """Where something may be missing, and along what."""
+        return Places()
 
     def raw(self, predicted: Prediction) -> np.ndarray:
         """A prediction as a vector [SI], shape (m,)."""
 
     def is_told(self, predicted: Prediction) -> bool:
         """Whether a prediction has a value for every reading that there is."""
+        return bool(np.all(np.isfinite(self.raw(predicted)[self.known])))
 
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
         """The map to standard normal numbers at a prediction, with a noise."""
@@ -226,12 +267,15 @@ class Compared(Protocol):
 
         How large an effect is says nothing against the model that holds it.
         """
+        return np.ones(mode.z.size)
 
-    def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
+    def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseEstimates:
         """The noise beside everything that may be missing, columns of shape (m, k) [SI]."""
+        return NoiseTest(self, mode, every, good)
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Compared:
         """The same with some parameters of effects given, by (effect, parameter) [own unit]."""
+        return self
 
     def of(self, recording: Recording) -> Compared:
         """Another recording of the same machine."""
@@ -241,26 +285,33 @@ class Compared(Protocol):
 
     def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Prediction]:
         """A point with what is this recording's alone where it suits the readings best, and what it predicts."""
+        z = f.clip(z)
+        return z, f(z)
 
     def base(self) -> Mode:
         """The base model at its most probable point."""
 
     def middle(self) -> np.ndarray:
         """Where a search starts: the prior's middle, or a better guess [-], shape (n_nuisances,)."""
+        return np.zeros(len(self.problem.nuisances))
 
     def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: Prediction) -> tuple[np.ndarray, Prediction]:
         """A point with its angles at the best of a few, and the prediction there."""
+        return z, here
 
     def loosened(self, f: Function, z: np.ndarray, here: Prediction, D: np.ndarray) -> list[np.ndarray]:
         """Points to start from once more where a search took readings for bad."""
+        return [z]
 
     def along_valley(
         self, f: Function, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray
     ) -> np.ndarray:
         """A step that follows the curved valley in which the good fits lie [-], shape (m,)."""
+        return tried
 
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
         """What a nuisance does to the readings [SI], shape (m,), where that needs no simulation; None elsewhere."""
+        return None
 
     def channels(self) -> dict[str, np.ndarray]:
         """Masks of the readings of each channel whose errors are told, by its name with its unit."""
@@ -271,42 +322,17 @@ class Compared(Protocol):
     def drawn_together(self) -> tuple[np.ndarray, list[np.ndarray]]:
         """Places of readings that are always there, and of those that are drawn together."""
 
-    def ordinary_speed(self, mode: Mode) -> float:
-        """Root mean square of the speed [rad/s]."""
-
-    def forces(self, mode: Mode) -> list[Force]:
-        """The free-form forces that a mismatch is tested with."""
-
-    def angle_force(self, mode: Mode) -> Force | None:
-        """A torque along the shaft's angle; None where the readings do not resolve it."""
-
-    def balances(self, mode: Mode) -> list[Balance]:
-        """What may be off, and along what."""
-
-    def forms(self, mode: Mode) -> list[Form]:
-        """Terms that a law may be made of."""
-
-    def steps_in_time(self, mode: Mode) -> StepsInTime | None:
-        """Steps in the running time; None where the recording has no clock for one."""
-
-    def same_coordinates(self, mode: Mode, coordinate: str) -> tuple[str, ...]:
-        """Coordinates that this recording cannot tell from one."""
-
-    def not_observable(self, mode: Mode) -> list[str]:
-        """Coordinates along which this recording can show nothing, each in a sentence."""
-
     def not_described(self, base: Mode) -> str:
         """How far the base model is from the readings where it does not describe them at all; empty where it does."""
+        return ""
 
     def tests(self, rivals: Sequence[Mode]) -> Iterable[Test]:
         """Tests that this rig could make, the explanations given with the most probable first."""
-
-    @property
-    def friction_unit(self) -> str:
-        """Of the viscous friction."""
+        return ()
 
     def unit(self, unknown: Unknown) -> str:
         """The unit of an effect's parameter on this machine."""
+        return unknown.unit
 
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file, as ``files`` of diagnosis/1."""

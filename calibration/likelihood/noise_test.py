@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from calibration.likelihood.compared import Compared
-from calibration.likelihood.mode import Mode
+if TYPE_CHECKING:
+    from calibration.likelihood.compared import Compared
+    from calibration.likelihood.mode import Mode
 
 PASSES = 3
 LOUDNESS_PASSES = 8  # until the scales of the drawn noise stand still

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from calibration.likelihood.mode import Mode
+
+SAME = 0.98  # rank correlation above which two coordinates are one
 NEAR = 0.1  # of the top of a coordinate: thresholds closer than this are one
 
 Pieces = Callable[[np.ndarray], np.ndarray]  # shares of k pieces at n values, shape (n, k)
@@ -113,6 +118,30 @@ class StepsInTime:
     columns: Callable[..., dict[tuple[str, str], np.ndarray]]
 
 
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where something may be missing of a recording: what is asked of it at a mode. What is left out, it has none of.
+
+    `forces`: the free-form forces that a mismatch is tested with.
+    `angle_force`: a torque along the shaft's angle; None where the readings do not resolve it.
+    `balances`: what may be off, and along what.
+    `forms`: terms that a law may be made of.
+    `steps_in_time`: steps in the running time; None where the recording has no clock for one.
+    `same_coordinates`: coordinates that the recording cannot tell from one.
+    `not_observable`: coordinates along which the recording can show nothing, each in a sentence.
+    `ordinary_speed`: root mean square of the speed [rad/s]; 0 where nobody knows it.
+    """
+
+    forces: Callable[[Mode], list[Force]] = lambda _: []
+    angle_force: Callable[[Mode], Force | None] = lambda _: None
+    balances: Callable[[Mode], list[Balance]] = lambda _: []
+    forms: Callable[[Mode], list[Form]] = lambda _: []
+    steps_in_time: Callable[[Mode], StepsInTime | None] = lambda _: None
+    same_coordinates: Callable[[Mode, str], tuple[str, ...]] = lambda *_: ()
+    not_observable: Callable[[Mode], list[str]] = lambda _: []
+    ordinary_speed: Callable[[Mode], float] = lambda _: 0.0
+
+
 def hats(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Smooth pieces, each 1 in the middle of its span and 0 one span away [-], shape (n, k).
 
@@ -127,3 +156,26 @@ def hats(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def spans(edges: np.ndarray) -> np.ndarray:
     """Where the pieces of `hats` act [own unit], shape (k, 2). `edges`, shape (k + 1,): of the spans [own unit]."""
     return np.column_stack([edges[:-1], edges[1:]])
+
+
+def alike(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two coordinates rise and fall together. `a`, `b`, shape (n,): of the same readings [own units]."""
+    from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared
+
+    if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return False
+    return abs(float(np.corrcoef(rankdata(a), rankdata(b))[0, 1])) > SAME
+
+
+def first_order(pushes: np.ndarray, keeps: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """What keeps a share of itself in each step and is pushed, after each step [own unit], shape (n, k).
+
+    `pushes`, shape (n, k): what each step takes off [own unit].
+    `keeps`, shape (n,): the share that each step leaves [-].
+    `first`, shape (k,): before the first step [own unit].
+    """
+    found, now = np.empty_like(pushes), first
+    for k, keep in enumerate(keeps):
+        now = now * keep - pushes[k]
+        found[k] = now
+    return found

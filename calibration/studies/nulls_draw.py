@@ -21,7 +21,7 @@ from calibration.unknowns import priors
 from calibration.unknowns.priors import CHANNELS, OfRun
 from configs.units import BAR
 from model.effects.effect import unknown_state
-from model.effects.laws import readings_of
+from model.effects.laws import Chosen, readings_of
 from model.effects.transient import simulate
 from model.geometry import pulse_angle
 from model.solvers.crank_angle import THETA
@@ -49,8 +49,6 @@ RUNS = {"spin_up.csv": (1040.0, 200, 10, True), "coast_down.csv": (1100.0, 240, 
 # Shares of the priors of a line that one bench's figures are drawn from: when the valve moves is well noted there.
 OF_A_BENCH = {"_late": 0.1, "_time": 0.5, "_valve": 0.5}
 FULL_SPEED_RPM = 300.0  # a reading of the template, which says no more than that the rotor turns
-
-Chosen = Mapping[str, Mapping[str, float]]
 
 
 def null_recording(

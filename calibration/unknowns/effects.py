@@ -7,11 +7,10 @@ least-squares problem; the longer tails and the bounds are weighed afterwards (`
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 from calibration.unknowns.priors import SHAPE_FACTOR, Kind, OfEffect, Unknown
-from model.effects import effects
 from model.effects.effect import EffectParameter
 
 _CHANGED = "_changed"
@@ -62,13 +61,3 @@ def searched(parameter: EffectParameter) -> Unknown:
     if parameter.shape:
         return Unknown(parameter.name, parameter.unit, "lognormal", parameter.scale, SHAPE_FACTOR, "effect")
     return Unknown(parameter.name, parameter.unit, "normal", parameter.expected, parameter.scale, "effect")
-
-
-def all_searched(names: Sequence[str], given: Container[tuple[str, str]] = ()) -> list[tuple[str, Unknown]]:
-    """Effect id and unknown of each parameter of a set, in its order."""
-    return [
-        (name, searched(parameter))
-        for name in names
-        for parameter in effects()[name].parameters
-        if (name, parameter.name) not in given
-    ]

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.data import measurement
 from calibration.data.measurement import ABOVE, BELOW, MISSING, OBSERVED, Measurement
-from calibration.data.refusals import refuse_out_of_range, refuse_unusable
+from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis import diagnose
 from calibration.fit import fit
 from model.motor import Motor, read_motor
@@ -174,7 +174,7 @@ def test_a_motor_with_more_or_less_friction_is_not_taken_for_the_wrong_gauge(put
 def test_a_pressure_beyond_the_air_properties_is_named(put_recording, row, word):
     folder = put_recording(("sweep.csv", "steady", f"{HEADER}2.0,70,394\n{row}"))
     with pytest.raises(RecordingError, match=f"sweep.csv: row 2: {word}") as caught:
-        refuse_out_of_range(read_recording(folder))
+        refuse_unusable(read_recording(folder))
     assert "0.5..8 bar" in str(caught.value)
 
 

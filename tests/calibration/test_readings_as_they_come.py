@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from calibration.data.blocks import Blocks, blocks_of
-from calibration.data.refusals import refuse_mixed_units, refuse_wrong_supply, swept_volume
+from calibration.data.refusals import refuse_unusable, swept_volume
 from calibration.data.rows_used import few_used
 from calibration.data.runs import READ_LATE_S, scatter
 from calibration.data.runs_in_time import coast_down, lone_zeros, release
@@ -208,11 +208,11 @@ def test_speeds_in_rad_s_under_speed_rpm_are_refused_by_fit_and_diagnosis(
 )
 def test_other_mixed_up_units_are_told_by_their_factor(tmp_path: Path, flow: float, speed: float, words: str) -> None:
     with pytest.raises(RecordingError, match=words):
-        refuse_mixed_units(read_recording(scaled(tmp_path / "swept", 1, flow, speed)))
+        refuse_unusable(read_recording(scaled(tmp_path / "swept", 1, flow, speed)))
 
 
 def test_a_large_leak_is_not_taken_for_another_unit(tmp_path: Path) -> None:
-    refuse_mixed_units(sweep(tmp_path / "leaks", 2, {"leakage": {"conductance_kg_s_pa2": 1.5e-13, "exponent": 1.0}}))
+    refuse_unusable(sweep(tmp_path / "leaks", 2, {"leakage": {"conductance_kg_s_pa2": 1.5e-13, "exponent": 1.0}}))
 
 
 def test_a_turn_sweeps_every_piston_on_every_lobe(tmp_path):
@@ -268,7 +268,7 @@ def test_a_supply_that_the_speed_contradicts_is_refused(
     tmp_path: Path, opened: np.ndarray | None, speed: np.ndarray, words: str
 ) -> None:
     with pytest.raises(RecordingError, match=words):
-        refuse_wrong_supply(run_of_motor(tmp_path / "run", opened, speed))
+        refuse_unusable(run_of_motor(tmp_path / "run", opened, speed))
 
 
 @pytest.mark.parametrize(
@@ -288,7 +288,7 @@ def test_a_supply_that_the_speed_contradicts_is_refused(
     ],
 )
 def test_a_run_as_it_should_be_is_not_refused(tmp_path: Path, opened: np.ndarray | None, speed: np.ndarray) -> None:
-    refuse_wrong_supply(run_of_motor(tmp_path / "run", opened, speed))
+    refuse_unusable(run_of_motor(tmp_path / "run", opened, speed))
 
 
 def gauged(folder: Path, cells: list[str]) -> Blocks:

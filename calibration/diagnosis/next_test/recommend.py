@@ -1,4 +1,4 @@
-"""Step 6: which test would part explanations that this recording cannot tell apart.
+"""Which test would part explanations that this recording cannot tell apart.
 
 A test's information is what it will give, as often more as less: how far it moves the log odds between two rivals for
 the true one, the mean over the pairs of rivals, each for what it is probable. The other rival is fitted to the readings

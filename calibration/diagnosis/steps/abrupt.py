@@ -73,7 +73,7 @@ def step_instead(comparison: Compared, mode: Mode) -> Step | None:
 
     `mode`: of the set; of the base model a step is tried in the place of the readings that it takes for bad.
     """
-    steps = comparison.steps_in_time(mode)
+    steps = comparison.places.steps_in_time(mode)
     if steps is None:
         return None
     kinds = {key: columns for key, columns in steps.columns(comparison, mode).items() if columns.any()}

@@ -1,15 +1,12 @@
-"""A set of effects that was weighed against others, of whatever machine, and why it may not be named."""
+"""A set of effects that was weighed against others, and why it may not be named."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Generic, TypeVar
 
 from calibration.likelihood.mode import Mode
-
-Fitted = TypeVar("Fitted")
 
 
 class Reason(Enum):
@@ -48,7 +45,7 @@ def no_larger(name: str) -> Refusal:
 
 
 @dataclass(frozen=True)
-class Candidate(Generic[Fitted]):
+class Candidate:
     """A set of effects, refitted.
 
     `names`: ids, sorted; empty for the base model.
@@ -58,7 +55,7 @@ class Candidate(Generic[Fitted]):
     """
 
     names: tuple[str, ...]
-    mode: Fitted
+    mode: Mode
     log_evidence: float
     log_probability: float
     refused: Refusal | None = None
@@ -68,6 +65,6 @@ class Candidate(Generic[Fitted]):
         return math.exp(self.log_probability)
 
 
-def alone(mode: Mode) -> Candidate[Mode]:
+def alone(mode: Mode) -> Candidate:
     """A set that stands against no other."""
     return Candidate(mode.names, mode, mode.log_evidence, 0.0)

@@ -1,4 +1,4 @@
-"""Step 5: whether the named set predicts readings that it has not seen.
+"""Whether the named set predicts readings that it has not seen.
 
 Blocks are pressure levels (both directions together) and segments of the runs in time, or whole runs where there are
 several. The levels of a fold lie apart, so that what goes with the running time has readings before and after. In each

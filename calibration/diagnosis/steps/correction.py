@@ -70,7 +70,7 @@ def nuisances_beside(comparison: Compared, mode: Mode, found: Sequence[Correctio
     mean: np.ndarray = weight @ means
     variance = weight @ (sds**2 + means**2) - mean**2
     place = comparison.problem.place(comparison.problem.friction)
-    speed = comparison.ordinary_speed(mode)
+    speed = comparison.places.ordinary_speed(mode)
     if place is not None and speed > 0.0:
         f_overall, at_z = comparison.problem.nuisances[place], mean[place]
         slope = float(f_overall.value(at_z + STEP) - f_overall.value(at_z)) / STEP
@@ -233,7 +233,7 @@ def _smoothed(fitted: _Fitted) -> Correction:
 def processes(problem: Linearized) -> list[Process]:
     """A smooth process for all that may be off."""
     found = []
-    for one in problem.comparison.balances(problem.mode):
+    for one in problem.comparison.places.balances(problem.mode):
         knots = np.linspace(float(np.nanmin(one.values)), float(np.nanmax(one.values)), KNOTS)
         hats = one.columns(partial(_between, knots))
         found.append(Process(one, knots, hats, problem.columns(hats)))

@@ -1,4 +1,4 @@
-"""Step 2: whether anything is missing. Its p-value is uniform where nothing is.
+"""Whether anything is missing. Its p-value is uniform where nothing is.
 
 The statistic is the smallest tail probability over the projected signatures of all effects (one-sided where an effect
 cannot be negative) and over the free-form forces. The noise scales are estimated beside all of these, so that a misfit

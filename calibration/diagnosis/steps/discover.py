@@ -51,7 +51,7 @@ def discover(
 
     `u`, shape (k,): the noise that the detection found [-].
     """
-    listed = [one for one in comparison.forms(mode) if one.balance == balance]
+    listed = [one for one in comparison.places.forms(mode) if one.balance == balance]
     if not listed:
         return None
     regression = _Regression(linearize(comparison, mode, u), listed)

@@ -1,4 +1,4 @@
-"""Step 3: where the mismatch is: which balance, seen in which channel, along which coordinate.
+"""Where the mismatch is: which balance, seen in which channel, along which coordinate.
 
 Whether a place is one at all is a test of a free-form force: those of the detection, and beside them forces along
 pressure and angle and the instruments' errors along their own range, their number priced. With a strong mismatch many
@@ -100,7 +100,7 @@ def locate(
         tested.append(_Tested(force, p, scores, True))
     had = {one.key for one in tested}
     further = [force_along(one.of) for key, one in smooth.items() if key not in had]
-    angle = comparison.angle_force(mode)
+    angle = comparison.places.angle_force(mode)
     further += [angle] if angle is not None else []
     price = len(free) + len(further) + 1  # the single rows are one more
     for force in further:
@@ -158,7 +158,7 @@ def _said(
         as_well = rank == AS_WELL
         if as_well and force.balance != "sensor" and alone:
             continue  # said by same_as
-        same = comparison.same_coordinates(mode, force.coordinate)
+        same = comparison.places.same_coordinates(mode, force.coordinate)
         if rank in (CLEAREST, AS_WELL):
             alike = (o.force for r, o in ordered if r in (CLEAREST, AS_WELL) and o.force.balance == force.balance)
             names = (a.coordinate for a in alike if a.channel == force.channel and a.coordinate != force.coordinate)

@@ -58,9 +58,7 @@ def alone_at_an_end(comparison: Compared, mode: Mode) -> BadRow | None:
     return None
 
 
-def with_misread(
-    comparison: Compared, verdict: Verdict[Mode], candidates: Sequence[Candidate]
-) -> frozenset[tuple[str, ...]]:
+def with_misread(comparison: Compared, verdict: Verdict, candidates: Sequence[Candidate]) -> frozenset[tuple[str, ...]]:
     """Sets that a verdict rests on or lists and beside which readings are misread."""
     if verdict.chosen is None:
         return frozenset()

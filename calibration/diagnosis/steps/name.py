@@ -1,4 +1,4 @@
-"""Step 4: which set of effects explains the recording: the screen in the linear model, and how sets are weighed.
+"""Which set of effects explains the recording: the screen in the linear model, and how sets are weighed.
 
 Evidence is Laplace's. The prior of a set falls tenfold with each further member and is even over the sets of a
 size, so that many candidates cost what they should. An effect that has the form of an instrument's error counts

@@ -77,7 +77,7 @@ class Residuals:
 
 
 def _residual(comparison: Compared, mode: Mode, seed: int) -> tuple[float, float]:
-    found, free = signatures(comparison, mode), comparison.forces(mode)
+    found, free = signatures(comparison, mode), comparison.places.forces(mode)
     rng = np.random.default_rng(seed)
     left = detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS)
     if RESIDUAL_P / NEAR < left.p_value < RESIDUAL_P * NEAR:  # a tail of so few draws is too rough to decide it

@@ -1,4 +1,4 @@
-"""Step 4, the search: single effects that the linear model finds promising are refitted, then pairs grown from them.
+"""The search: single effects that the linear model finds promising are refitted, then pairs grown from them.
 
 With runs in time an effect that hides from the linear model is refitted whatever that says of it, alone and beside the
 best of the others.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, Literal
+from enum import StrEnum
 
-from calibration.diagnosis.steps.candidate import Candidate, Fitted, Reason
+from calibration.diagnosis.steps.candidate import Candidate, Reason
 from calibration.diagnosis.steps.confirm import HeldOut
 from calibration.diagnosis.steps.detect import MISMATCH_P
 from calibration.unknowns.effects import holds, unchanged
@@ -24,11 +24,17 @@ LEAST_GAIN = 4.0  # in log predictive density: smaller differences decide nothin
 ERRORS = 1.0  # of the gain's standard error, itself rough over so few folds
 
 
-Kind = Literal["consistent", "named", "confounded", "unresolved"]
+class VerdictKind(StrEnum):
+    """What may be said, as in diagnosis/1."""
+
+    CONSISTENT = "consistent"
+    NAMED = "named"
+    CONFOUNDED = "confounded"
+    UNRESOLVED = "unresolved"
 
 
 @dataclass(frozen=True)
-class Verdict(Generic[Fitted]):
+class Verdict:
     """What is said.
 
     `chosen`: what the verdict rests on; None when consistent or unresolved, or where misread readings alone are named.
@@ -36,19 +42,19 @@ class Verdict(Generic[Fitted]):
     `set_probability`: of the chosen set, or of the base model [-].
     """
 
-    kind: Kind
-    chosen: Candidate[Fitted] | None
+    kind: VerdictKind
+    chosen: Candidate | None
     alternatives: tuple[tuple[str, ...], ...]
     set_probability: float
     why: str
 
 
-def not_excluded(found: Sequence[Candidate[Fitted]]) -> list[Candidate[Fitted]]:
+def not_excluded(found: Sequence[Candidate]) -> list[Candidate]:
     """Sets of effects that may be there although the base model explains the recording, the most probable first."""
     return [c for c in found if c.names and not c.refused and c.probability > UNSETTLED]
 
 
-def is_small(candidate: Candidate[Fitted]) -> bool:
+def is_small(candidate: Candidate) -> bool:
     """Whether all that a set says is that instruments have errors as large as declared."""
     of_instruments = _are_of_instruments(candidate.names)
     refused = candidate.refused
@@ -62,10 +68,10 @@ def _are_of_instruments(names: Sequence[str]) -> bool:
 
 def judge(
     p_value: float,
-    found: Sequence[Candidate[Fitted]],
+    found: Sequence[Candidate],
     residual_p: dict[tuple[str, ...], float],
     held_out: HeldOut | None,
-) -> Verdict[Fitted]:
+) -> Verdict:
     """Weigh everything.
 
     Where an instrument's error as large as declared explains the recording, its `set_probability` is of that.
@@ -73,7 +79,7 @@ def judge(
     base = next((c for c in found if not c.names), None)
     if p_value >= MISMATCH_P:
         why = "the base model explains the recording"
-        return Verdict("consistent", None, (), base.probability if base else 1.0, why)
+        return Verdict(VerdictKind.CONSISTENT, None, (), base.probability if base else 1.0, why)
     allowed = [c for c in found if not c.refused and c.names]
     passing = [c for c in allowed if residual_p.get(c.names, 1.0) >= RESIDUAL_P]  # a rival not tested may pass
     tested = [c for c in passing if c.names in residual_p]  # what is named has passed
@@ -86,38 +92,38 @@ def judge(
     if base.probability <= 0.5:
         likely = [c for c in found if (c is base or c in allowed) and c.probability > SHARE and c is not tested[0]]
         names, share = tuple(c.names for c in likely), tested[0].probability
-        return Verdict("confounded", tested[0], names, share, "the base model is not excluded")
+        return Verdict(VerdictKind.CONFOUNDED, tested[0], names, share, "the base model is not excluded")
     if p_value >= RESIDUAL_P:
-        return Verdict("consistent", None, (), base.probability, "no effect explains more than chance would")
+        return Verdict(VerdictKind.CONSISTENT, None, (), base.probability, "no effect explains more than chance would")
     # Held to what any set is held to.
     why = "what is left out is no listed effect: none is more probable than that nothing is left out"
-    return Verdict("unresolved", None, (), 0.0, why)
+    return Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, why)
 
 
 def _nothing_passes(
-    found: Sequence[Candidate[Fitted]],
-    excluded: Sequence[Candidate[Fitted]],
+    found: Sequence[Candidate],
+    excluded: Sequence[Candidate],
     residual_p: dict[tuple[str, ...], float],
-) -> Verdict[Fitted]:
+) -> Verdict:
     """Where no set leaves little enough, but for those that are far too improbable."""
     likeliest = next((c for c in found if c.names), None)
     if likeliest and is_small(likeliest) and residual_p.get(likeliest.names, 0.0) >= RESIDUAL_P:
         why = "an instrument's error, no larger than declared"
-        return Verdict("consistent", None, (), likeliest.probability, why)
+        return Verdict(VerdictKind.CONSISTENT, None, (), likeliest.probability, why)
     why = "no set of listed effects explains what is left"
     if excluded:
         why += f"; {' and '.join(excluded[0].names)} would, and others are far more probable that do not"
-    return Verdict("unresolved", None, (), 0.0, why)
+    return Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, why)
 
 
 def _of_those_that_pass(
-    found: Sequence[Candidate[Fitted]],
-    allowed: Sequence[Candidate[Fitted]],
-    passing: Sequence[Candidate[Fitted]],
-    tested: Sequence[Candidate[Fitted]],
+    found: Sequence[Candidate],
+    allowed: Sequence[Candidate],
+    passing: Sequence[Candidate],
+    tested: Sequence[Candidate],
     residual_p: dict[tuple[str, ...], float],
     held_out: HeldOut | None,
-) -> Verdict[Fitted]:
+) -> Verdict:
     """One set by name, or several: the base model is excluded."""
     best, total = tested[0], sum(c.probability for c in passing)
     blocked = [c for c in allowed if c.probability > best.probability]
@@ -146,10 +152,12 @@ def _of_those_that_pass(
             sum_of += c.probability
     listed += [c.names for c in blocked if c.names not in listed]
     if listed:
-        return Verdict("confounded", best, tuple(listed), share, "several sets explain it")
+        return Verdict(VerdictKind.CONFOUNDED, best, tuple(listed), share, "several sets explain it")
     if _gained(held_out):
-        return Verdict("named", best, (), share, "one set explains it alone")
-    return Verdict("unresolved", None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen")
+        return Verdict(VerdictKind.NAMED, best, (), share, "one set explains it alone")
+    return Verdict(
+        VerdictKind.UNRESOLVED, None, (), 0.0, f"{' and '.join(best.names)} predicts no better what it has not seen"
+    )
 
 
 def _gained(held_out: HeldOut | None) -> bool:
@@ -164,31 +172,31 @@ def _gained(held_out: HeldOut | None) -> bool:
     return held_out.gain > -least and held_out.gain + held_out.declared > least
 
 
-def _least_of(candidate: Candidate[Fitted], found: Sequence[Candidate[Fitted]]) -> float:
+def _least_of(candidate: Candidate, found: Sequence[Candidate]) -> float:
     """Probability of a set's least probable effect, over all sets weighed [-]."""
     return min(sum(c.probability for c in found if name in c.names) for name in candidate.names)
 
 
-def _nearly(candidate: Candidate[Fitted], residual_p: dict[tuple[str, ...], float]) -> bool:
+def _nearly(candidate: Candidate, residual_p: dict[tuple[str, ...], float]) -> bool:
     """Whether what a set leaves unexplained is little enough for doubt."""
     return residual_p.get(candidate.names, 0.0) >= RESIDUAL_P / NEARLY
 
 
-def with_open(verdict: Verdict[Fitted], rivals: Sequence[Candidate[Fitted]]) -> Verdict[Fitted]:
+def with_open(verdict: Verdict, rivals: Sequence[Candidate]) -> Verdict:
     """A consistent verdict that says what may be there all the same. `rivals`: what a next test should tell apart."""
     likely = [f"{' + '.join(c.names)} ({c.probability:.2f})" for c in rivals if c.names]
-    if verdict.kind != "consistent" or not likely:
+    if verdict.kind != VerdictKind.CONSISTENT or not likely:
         return verdict
     return replace(verdict, why=f"{verdict.why}; not excluded: {', '.join(likely)}")
 
 
-def with_near(verdict: Verdict[Fitted], found: Sequence[Candidate[Fitted]]) -> Verdict[Fitted]:
+def with_near(verdict: Verdict, found: Sequence[Candidate]) -> Verdict:
     """A verdict with one doubt more, where noise is known less well than its declared figures say.
 
     The test of what a set leaves hangs on the noise. A set that fails only that test, and is nearly as probable as the
     one that passes, is therefore an alternative.
     """
-    if verdict.kind not in ("named", "confounded") or verdict.chosen is None:
+    if verdict.kind not in (VerdictKind.NAMED, VerdictKind.CONFOUNDED) or verdict.chosen is None:
         return verdict
     best = verdict.chosen
     near = [
@@ -206,7 +214,7 @@ def with_near(verdict: Verdict[Fitted], found: Sequence[Candidate[Fitted]]) -> V
         return replace(verdict, alternatives=alternatives)
     return replace(
         verdict,
-        kind="confounded",
+        kind=VerdictKind.CONFOUNDED,
         alternatives=alternatives,
         set_probability=best.probability,
         why="other sets are as probable or nearly so, though they leave more",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calibration.data.rows_used import few_used
-from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
 from calibration.report.comparison import words
@@ -60,10 +60,10 @@ def panels(document: Mapping[str, Any]) -> list[Panel]:
 
 def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
     """The texts and tables of the page."""
-    problem, p = found.comparison.problem, document["unchanged_probability"]
+    problem, p = several_of(found).problem, document["unchanged_probability"]
     return {
         "names": " and ".join(one["recording"] for one in document["recordings"]),
-        "motor": found.comparison.parts[0].problem.motor.name,
+        "motor": problem.parts[0].motor.name,
         "kind": document["verdict"],
         "verdict": words.sentence(document),
         "unchanged": "" if p is None else words.chance(p),

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.diagnosis.document import Q95
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.steps.verdict import RESIDUAL_P
+from calibration.diagnosis.steps.verdict import RESIDUAL_P, VerdictKind
 from calibration.report import style
 from calibration.report.diagnosis import numbers, sets
 from calibration.report.diagnosis.numbers import Coordinate, Curve, Model
@@ -47,7 +47,7 @@ def residuals(found: Diagnosis, models: Sequence[Model], whitened: bool) -> byte
 
 def runs(found: Diagnosis, models: Sequence[Model]) -> bytes:
     """Runs in time with the models, a column each, and the residuals beneath."""
-    count = len(found.comparison.problem.blocks.runs)
+    count = len(numbers.of_motor(found).problem.blocks.runs)
     rows, columns = 2 * -(-count // 2), min(count, 2)
     ratios = [3, 2] * (rows // 2)
     with style.drawing(rows, columns, height_in=2.1 * rows, squeeze=False, height_ratios=ratios) as (figure, axes):
@@ -65,8 +65,8 @@ def held_rotor(found: Diagnosis, models: Sequence[Model]) -> bytes:
 
     `models`: the base model, and the one that the verdict rests on.
     """
-    standing = found.comparison.problem.blocks.standing
-    mine = np.flatnonzero(found.comparison.kind == STANDING)
+    standing = numbers.of_motor(found).problem.blocks.standing
+    mine = np.flatnonzero(numbers.of_motor(found).kind == STANDING)
     rows = np.flatnonzero(np.isfinite(standing.pressure))
     rows = rows[np.argsort(standing.pressure[rows])]
     pressure, flow = standing.pressure[rows] / BAR, standing.flow[rows] * L_MIN
@@ -125,7 +125,7 @@ def essentials(
     chosen = next((one for one in along if one.name.startswith(place)), along[0] if along else None)
     rows: list[tuple[str, int]] = []
     rows += [("residuals", len(channels))] if chosen is not None and channels else []
-    shown = min(len(found.comparison.problem.blocks.runs), 2)
+    shown = min(len(numbers.of_motor(found).problem.blocks.runs), 2)
     rows += [("runs", shown)] if shown else []
     rows += [("curves", min(len(curves), 2))] if curves else []
     last = [name for name, there in (("odds", len(found.candidates) > 1), ("friction", bool(intervals))) if there]
@@ -156,14 +156,14 @@ def essentials(
 
 def markers_in_words(found: Diagnosis) -> str:
     """What the markers of the residuals mean, of those that are drawn."""
-    ways = set(found.comparison.problem.blocks.plateaus.up)
+    ways = set(numbers.of_motor(found).problem.blocks.plateaus.up)
     return ", ".join(f"{shown} {name}" for way, _, shown, name in MARKERS if way in ways)
 
 
 def _residual_panel(
     panel: Axes, found: Diagnosis, models: Sequence[Model], channel: str, along: Coordinate, whitened: bool
 ) -> None:
-    comparison = found.comparison
+    comparison = numbers.of_motor(found)
     plateaus = comparison.problem.blocks.plateaus
     unit, factor = numbers.UNITS[channel]
     mine = comparison.kind == numbers.KINDS[channel]
@@ -196,7 +196,7 @@ def _residual_panel(
 
 
 def _run_panels(upper: Axes, lower: Axes | None, found: Diagnosis, models: Sequence[Model], i: int) -> None:
-    comparison = found.comparison
+    comparison = numbers.of_motor(found)
     run, mine = comparison.problem.blocks.runs[i], comparison.kind == RUN + i
     time, reading = run.time[comparison.index[mine]], comparison.read[mine] * RPM
     upper.plot(time, reading, **style.MEASURED | {"markersize": 3.0, "zorder": 2}, label="measured")
@@ -278,7 +278,7 @@ def _decades(odds: float) -> float:
 
 def _colours(found: Diagnosis) -> tuple[str, str]:
     """Of the models: a base model that explains everything is not in the colour of what is wrong."""
-    return (AFTER, AFTER) if found.verdict.kind == "consistent" else (BEFORE, AFTER)
+    return (AFTER, AFTER) if found.verdict.kind == VerdictKind.CONSISTENT else (BEFORE, AFTER)
 
 
 def _above(panel: Axes, name: str, i: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.correction import Correction, corrections
 from calibration.diagnosis.steps.locate import METERS, Kind
 from calibration.likelihood.mode import Mode
+from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
 from configs.units import BAR
 from model.layout import L_MIN, RPM
@@ -79,9 +81,14 @@ def models(found: Diagnosis) -> list[Model]:
     return shown
 
 
+def of_motor(found: Diagnosis) -> Comparison:
+    """The recording of a diagnosis of this motor; of several, each is told by itself."""
+    return cast(Comparison, found.comparison)
+
+
 def coordinates(found: Diagnosis) -> list[Coordinate]:
     """Speed, pressure and time of the plateaus; those that do not change are left out."""
-    plateaus = found.comparison.problem.blocks.plateaus
+    plateaus = of_motor(found).problem.blocks.plateaus
     if not plateaus.size:
         return []
     along = [
@@ -94,14 +101,14 @@ def coordinates(found: Diagnosis) -> list[Coordinate]:
 
 def channels(found: Diagnosis) -> list[str]:
     """The channels that plateaus were read of."""
-    comparison = found.comparison
+    comparison = of_motor(found)
     return [name for name, kind in KINDS.items() if comparison.known[comparison.kind == kind].any()]
 
 
 def noise(found: Diagnosis, channel: str) -> float:
     """Middle standard deviation of a channel's residual by all instruments' noise and rounding [L/min or rpm]."""
-    white = found.comparison.whitener(found.base.prediction, found.detection.u)
-    n = found.comparison.n
+    comparison = of_motor(found)
+    white, n = comparison.whitener(found.base.prediction, found.detection.u), comparison.n
     sd = np.linalg.norm(white.plateaus, axis=1)[slice(0, n) if channel == "flow" else slice(n, 2 * n)]
     return float(np.nanmedian(sd)) * UNITS[channel][1]
 

@@ -11,6 +11,7 @@ from calibration.data.rows_used import few_used, in_words
 from calibration.diagnosis.document import NOTHING, next_tests_as_json
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.misread import MISREAD
+from calibration.diagnosis.steps.verdict import VerdictKind
 from calibration.report import along_dates, style
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
@@ -40,9 +41,9 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     if numbers.coordinates(found) and numbers.channels(found):
         figures["units"] = draw.residuals(found, models, False)
         figures["whitened"] = draw.residuals(found, models, True)
-    if found.comparison.problem.blocks.runs:
+    if numbers.of_motor(found).problem.blocks.runs:
         figures["runs"] = draw.runs(found, models)
-    if np.isfinite(found.comparison.problem.blocks.standing.pressure).any():
+    if np.isfinite(numbers.of_motor(found).problem.blocks.standing.pressure).any():
         figures["held"] = draw.held_rotor(found, models)
     if curves:
         figures["forces"] = draw.forces(curves)
@@ -74,7 +75,7 @@ def page(filled: Mapping[str, Any]) -> bytes:
 
 def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
     """The texts and tables of the page."""
-    problem, held_out = found.comparison.problem, document["improvement"]["held_out"]
+    problem, held_out = numbers.of_motor(found).problem, document["improvement"]["held_out"]
     return {
         "name": problem.recording.folder.resolve().name,
         "origins": origins([problem.recording]),
@@ -164,7 +165,7 @@ def _excluded(found: Diagnosis, document: Mapping[str, Any]) -> str:
         return ""
     odds = sets.odds(found, one)
     file, share = sets.told_by(found, one)
-    by = f", by {file} above all" if share >= CLEAR and found.comparison.problem.blocks.runs else ""
+    by = f", by {file} above all" if share >= CLEAR and numbers.of_motor(found).problem.blocks.runs else ""
     return f"Excluded with odds of {_odds(odds)}{by}: {titles(one.names)}."
 
 
@@ -187,7 +188,7 @@ def _reference(found: Diagnosis) -> str:
     """The set that odds are of, in words."""
     if found.verdict.chosen is not None:
         return "the set that the verdict rests on"
-    return "the likeliest set" + " (the verdict rests on none)" * (found.verdict.kind == "unresolved")
+    return "the likeliest set" + " (the verdict rests on none)" * (found.verdict.kind == VerdictKind.UNRESOLVED)
 
 
 def _suspect_table(document: Mapping[str, Any]) -> Grid:

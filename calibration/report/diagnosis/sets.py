@@ -15,8 +15,9 @@ from calibration.diagnosis.sizes.sizes import sizes_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.misread import MISREAD
+from calibration.diagnosis.steps.verdict import VerdictKind
 from calibration.fit.posterior import UNINFORMED
-from calibration.report.diagnosis.numbers import of_mode
+from calibration.report.diagnosis.numbers import of_mode, of_motor
 from calibration.report.diagnosis.words import gain_in_figures, quantity
 from calibration.report.fit.words import rounded, uncertainty
 from calibration.report.sets_in_words import listed, titles
@@ -63,7 +64,7 @@ def at_top(found: Diagnosis, one: Candidate | None) -> dict[str, str]:
 
     `one`: the set; without one there is nothing to say.
     """
-    if one is None or not found.comparison.problem.blocks.plateaus.size:
+    if one is None or not of_motor(found).problem.blocks.plateaus.size:
         return {}
     problem, state = found.comparison.problem, one.mode.prediction.state
     top = int(np.nanargmax(np.where(np.isfinite(one.mode.prediction.speed), state.pressure, np.nan)))
@@ -102,7 +103,7 @@ def told_by(found: Diagnosis, rival: Candidate) -> tuple[str, float]:
     """The file that speaks most against a rival of the chosen set, and its share of what all files say [-]."""
     if found.verdict.chosen is None:
         return "", 0.0
-    comparison = found.comparison
+    comparison = of_motor(found)
     blocks = comparison.problem.blocks
     theirs, ours = of_mode(found, rival.mode, "").white, of_mode(found, found.verdict.chosen.mode, "").white
     good = (rival.mode.bad < 0.5) & (found.verdict.chosen.mode.bad < 0.5)
@@ -204,7 +205,7 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
 
 def blind_in_words(found: Diagnosis) -> str:
     """That nothing was to be seen, in a sentence; empty where an effect would have shown or something is said."""
-    if found.verdict.kind != "consistent" or not found.resolved:
+    if found.verdict.kind != VerdictKind.CONSISTENT or not found.resolved:
         return ""
     if any(one.seen_from is not None for one in found.resolved):
         return ""
@@ -217,7 +218,7 @@ def _averaged_over(found: Diagnosis) -> str:
     """What f_overall is averaged over once a diagnosis is made."""
     if found.verdict.chosen is not None:
         return "the sets that stand, weighed"
-    if found.verdict.kind != "unresolved":
+    if found.verdict.kind != VerdictKind.UNRESOLVED:
         return "what is not excluded, weighed in"
     return "all sets, weighed" if found.nuisances_corrected is None else "beside a smooth correction"
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.likelihood.mode import Mode
 from calibration.report import style
 from calibration.report.sets_in_words import title
+from calibration.systems.machines.comparison import Comparison
 from rig.recording.columns import Known
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def picture(found: Diagnosis) -> Figure:
     parts = [("without any effect", found.base)]
     if chosen is not None:
         parts.append(("with " + "\nand ".join(title(name) for name in chosen.names), chosen.mode))
-    channels = list(dict.fromkeys(one.channel for one in found.comparison.problem.readings))
+    channels = list(dict.fromkeys(one.channel for one in _compared(found).readings))
     with style.drawing(len(channels), len(parts), 2.9 * len(channels), sharey="row", sharex=True, squeeze=False) as (
         figure,
         grid,
@@ -44,17 +44,22 @@ def picture(found: Diagnosis) -> Figure:
         return figure
 
 
+def _compared(found: Diagnosis) -> Comparison:
+    return cast(Comparison, found.comparison)
+
+
 def _label(found: Diagnosis, channel: str) -> str:
-    known = found.comparison.problem.quantity(channel)
+    known = _compared(found).problem.quantity(channel)
     return "reading less model: " + _with_unit(known.channel if channel == "drive" else channel, known)
 
 
 def _along(found: Diagnosis) -> tuple[str, str, float]:
     """The coordinate that is drawn along, its label, and what a value in SI is multiplied by [-]."""
-    known = found.comparison.problem.system.coordinates()
+    problem = _compared(found).problem
+    known = problem.system.coordinates()
     names = dict.fromkeys(("speed", "pressure", "time", *(name for one in known for name in one)))
     name = next((name for name in names if all(name in one for one in known)), "reading")
-    quantity = found.comparison.problem.quantity(name)
+    quantity = problem.quantity(name)
     return name, _with_unit(name, quantity), 1.0 / quantity.to_si
 
 
@@ -63,7 +68,7 @@ def _with_unit(name: str, quantity: Known) -> str:
 
 
 def _panel(axes: Axes, found: Diagnosis, channel: str, fit: Mode, colour: str) -> None:
-    factor = 1.0 / found.comparison.problem.quantity(channel).to_si
+    factor = 1.0 / _compared(found).problem.quantity(channel).to_si
     of_speed = _along(found)[2]
     speed, rest = _of(found, channel, fit)
     axes.axhline(0.0, color=style.FAINT, linewidth=0.8)
@@ -84,9 +89,10 @@ def _panel(axes: Axes, found: Diagnosis, channel: str, fit: Mode, colour: str) -
 
 def _of(found: Diagnosis, channel: str, fit: Mode) -> tuple[np.ndarray, np.ndarray]:
     """Coordinate and residual of a channel's readings [SI]."""
-    known: Sequence[dict[str, np.ndarray]] = found.comparison.problem.system.coordinates()
-    left = found.comparison.noise.split(found.comparison.read - fit.prediction)
-    mine = [i for i, one in enumerate(found.comparison.problem.readings) if one.channel == channel]
+    comparison = _compared(found)
+    known = comparison.problem.system.coordinates()
+    left = comparison.noise.split(comparison.read - fit.prediction)
+    mine = [i for i, one in enumerate(comparison.readings) if one.channel == channel]
     return (
         np.concatenate([known[i].get(_along(found)[0], np.arange(left[i].size)) for i in mine]),
         np.concatenate([left[i] for i in mine]),

@@ -11,7 +11,7 @@ from calibration.data.rows_used import few_used, in_words
 from calibration.diagnosis.f_overall import f_overall_before
 from calibration.diagnosis.mismatch import Detected
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.steps.verdict import Verdict
+from calibration.diagnosis.steps.verdict import Verdict, VerdictKind
 from calibration.fit.posterior import FitQuality
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, words
@@ -50,7 +50,8 @@ def page(told: Told, detected: Detected | None = None, quality: FitQuality | Non
 
 def _as_diagnosis(detected: Detected, quality: FitQuality) -> Diagnosis:
     """The first steps of a diagnosis as one, for its pictures."""
-    verdict: Verdict[Any] = Verdict("consistent" if quality.model_fits else "unresolved", None, (), 0.0, quality.why)
+    kind = VerdictKind.CONSISTENT if quality.model_fits else VerdictKind.UNRESOLVED
+    verdict = Verdict(kind, None, (), 0.0, quality.why)
     return Diagnosis(
         comparison=detected.comparison,
         base=detected.base,
@@ -68,7 +69,7 @@ def _against_the_model(found: Diagnosis, quality: FitQuality) -> dict[str, Any]:
     figures: dict[str, bytes] = {}
     if numbers.coordinates(found) and numbers.channels(found):
         figures["plateaus"] = draw.residuals(found, models, False)
-    if found.comparison.problem.blocks.runs:
+    if numbers.of_motor(found).problem.blocks.runs:
         figures["runs"] = draw.runs(found, models)
     files = found.comparison.rows_used()
     return {
@@ -95,13 +96,13 @@ def _verdict(found: Diagnosis, quality: FitQuality) -> str:
 
 def _plateau_table(found: Diagnosis) -> Grid:
     """Each plateau: what was read, and by how much that is more than the model says."""
-    plateaus, difference = found.comparison.problem.blocks.plateaus, numbers.models(found)[0].difference
+    plateaus, difference = numbers.of_motor(found).problem.blocks.plateaus, numbers.models(found)[0].difference
     header: tuple[str, ...] = ("file", "row", "pressure, bar")
     columns = [plateaus.pressure / BAR]
     for channel in numbers.channels(found):
         unit, factor = numbers.UNITS[channel]
         header += (f"{channel}, {unit}", "less model")
-        mine = found.comparison.kind == numbers.KINDS[channel]
+        mine = numbers.of_motor(found).kind == numbers.KINDS[channel]
         columns += [getattr(plateaus, channel) * factor, difference[mine] * factor]
     rows = tuple(
         (file, str(row), *(f"{value:z.4g}".replace("-", "−") if np.isfinite(value) else "" for value in values))

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
-from calibration.likelihood.compared import Row
+from calibration.data.rows_used import FileUse
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Test
-from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
-from calibration.systems.machines.forces import forces_of, same_coordinates
+from calibration.likelihood.shapes import Places
+from calibration.systems.machines.forces import forces, same_coordinates
 from calibration.systems.machines.next_tests import tests
 from calibration.systems.machines.noise import Noise, Whitener, ends
 from calibration.systems.machines.noise_test import NoiseTest
 from calibration.systems.machines.problem import WIDE, Problem
+from calibration.systems.machines.table import rows_used
 from calibration.unknowns.priors import Error, OfInstrument, Unknown
 from rig.recording import Recording
 
@@ -34,58 +35,38 @@ CHECK = (
     "the sign of the drive",
     "whether the pressures are absolute or gauge",
 )
+NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
 OF_SLIDE = {"N m": "N", "rad/s": "m/s", "N m s2": "N s2/m2", "N m s": "N s/m"}
 
 
-class Comparison:
+class Comparison(Compared):
     """A recording as a vector.
 
-    `read`, shape (m,): readings [SI].
-    `known`, shape (m,): True throughout.
-    `of_a_kind`: places of the readings of each array.
+    `readings`: its arrays, of which each is a kind by itself.
     """
 
-    in_time = False
-    thorough = False
+    problem: Problem
+    noise: Noise
     trusting = True  # foreign noise has tails of its own
     end = 0
-    again: tuple[np.ndarray, ...] = ()
-    check: tuple[str, ...] = CHECK
+    check = CHECK
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.readings, self.rig = problem, problem.readings, problem.kind
+        self.friction_unit = "N s/m" if problem.slides else "N m s"
         self.read = np.concatenate([one.value for one in self.readings])
         self.known = np.ones(self.read.size, dtype=bool)
         self.noise = Noise(self.readings)
         self._channels = {one.channel for one in self.readings}
         self.of_a_kind = tuple(np.split(np.arange(self.read.size), ends(self.readings)[:-1]))
 
-    @property
-    def friction_unit(self) -> str:
-        """Of the viscous friction."""
-        return "N s/m" if self.problem.slides else "N m s"
-
     def unit(self, unknown: Unknown) -> str:
         """The unit of an effect's parameter: a slide's torques are forces, and its speeds are m/s."""
         return OF_SLIDE.get(unknown.unit, unknown.unit) if self.problem.slides else unknown.unit
 
-    @property
-    def size(self) -> int:
-        """Number of readings [-]."""
-        return self.read.size
-
-    @property
-    def rows(self) -> list[Row]:
-        """None: readings are means, or one of many in time."""
-        return []
-
     def raw(self, predicted: np.ndarray) -> np.ndarray:
         """A prediction as a vector [SI], which it is."""
         return predicted
-
-    def is_told(self, predicted: np.ndarray) -> bool:
-        """Whether a prediction has a value for every reading."""
-        return bool(np.all(np.isfinite(predicted)))
 
     def whitener(self, predicted: np.ndarray, u: np.ndarray) -> Whitener:
         """The map to standard normal numbers with a noise."""
@@ -122,10 +103,6 @@ class Comparison:
         """The noise in the test for a mismatch."""
         return NoiseTest(self.readings, mode, every)
 
-    def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
-        """The same: no effect of this machine has a parameter that is given."""
-        return self
-
     def of(self, recording: Recording) -> Comparison:
         """Another recording of the same machine."""
         return Comparison(Problem(recording))
@@ -161,32 +138,9 @@ class Comparison:
                 u[len(self.readings) + i] = np.mean(mode.u[count + np.array(alike)])
         return z, covariance, u
 
-    def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The point itself, within its bounds, and what it predicts."""
-        z = f.clip(z)
-        return z, f(z)
-
     def base(self) -> Mode:
         """The base model at its most probable point."""
         return find(self, ())
-
-    def middle(self) -> np.ndarray:
-        """Where a search starts: the prior's middle [-]."""
-        return np.zeros(len(self.problem.nuisances))
-
-    def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The point itself: it has no angles."""
-        return z, here
-
-    def loosened(self, f: Function, z: np.ndarray, here: np.ndarray, D: np.ndarray) -> list[np.ndarray]:
-        """The point itself: nothing stands in its way."""
-        return [z]
-
-    def along_valley(
-        self, f: Function, z: np.ndarray, tried: np.ndarray, here: np.ndarray, D: np.ndarray
-    ) -> np.ndarray:
-        """The straight step [-], shape (k,): there is no valley."""
-        return tried
 
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
         """What an offset or a scale of an instrument does to the readings [SI], shape (m,); None of the rest."""
@@ -222,38 +176,10 @@ class Comparison:
         """Places of readings that are always there, and of those that are drawn together."""
         return np.zeros(0, dtype=int), list(self.of_a_kind)
 
-    def ordinary_speed(self, mode: Mode) -> float:
-        """The speed that is ordinary [rad/s], of a slide [m/s]."""
-        return self.problem.sizes.speed
-
-    def forces(self, mode: Mode) -> list[Force]:
-        """The free-form forces that a mismatch is tested with."""
-        values = self.problem.values(mode.z[: len(self.problem.nuisances)])
-        return forces_of(self.problem, values.get(self.problem.friction, 0.0))
-
-    def angle_force(self, mode: Mode) -> Force | None:
-        """None: along the angle nothing is looked for."""
-        return None
-
-    def balances(self, mode: Mode) -> list[Balance]:
-        """None: no smooth correction is looked for."""
-        return []
-
-    def forms(self, mode: Mode) -> list[Form]:
-        """None: no law is looked for."""
-        return []
-
-    def steps_in_time(self, mode: Mode) -> StepsInTime | None:
-        """None: no step is looked for."""
-        return None
-
-    def same_coordinates(self, mode: Mode, coordinate: str) -> tuple[str, ...]:
-        """Coordinates that this recording cannot tell from one."""
-        return same_coordinates(self.problem, coordinate)
-
-    def not_observable(self, mode: Mode) -> list[str]:
-        """None is told."""
-        return []
+    @property
+    def places(self) -> Places:
+        """Where something may be missing: no smooth correction, no law and no step in time is looked for."""
+        return Places(forces=partial(forces, self.problem), same_coordinates=partial(same_coordinates, self.problem))
 
     def not_described(self, base: Mode) -> str:
         """How far the base model is from the readings where it does not describe them at all; empty where it does."""
@@ -273,6 +199,10 @@ class Comparison:
         """Tests that this rig could make."""
         return tests(self.problem, rivals)
 
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file, as ``files`` of diagnosis/1."""
-        return self.problem.rows_used()
+        seen = {one["file"]: one for one in self.problem.system.files}
+        return [
+            seen.get(file.file) or rows_used(file, {NOT_LOOKED_AT: np.ones(file.rows, dtype=bool)})
+            for file in self.problem.recording.files
+        ]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from calibration.data.clock import times_of
-from calibration.systems.machines.readings import TO_SI, Flat, Readings, means, noise_sd, plateaus
+from calibration.data.rows_used import FileUse
+from calibration.systems.machines.readings import LEVEL, TO_SI, Flat, Readings, means, noise_sd, plateaus
 from calibration.systems.machines.system import FOLDS, Coordinates, Simulate
 from calibration.systems.machines.table import MachineTable, instrument, rows_used
 from calibration.unknowns.priors import Unknown
@@ -24,7 +24,6 @@ from rig.recording.columns import pressure_in
 VOLUME_FACTOR = 1.3  # an inline motor tells no tolerance, and a cut-off takes in less than the geometric volume
 NOT_READ = "no speed, no pressure, or neither a torque nor a flow"
 REPEATS = 10.0  # of a plateau in a test
-LEVEL = 0.02  # readings of pressure closer than this, relative, are one level
 SERIES = 40  # plateaus from which on their order in time says something of the noise
 
 
@@ -185,7 +184,7 @@ def _all_of(files: Sequence[RecordingFile], column: str, missing: float = np.nan
     )
 
 
-def _used(files: Sequence[RecordingFile], counted: np.ndarray) -> list[dict[str, Any]]:
+def _used(files: Sequence[RecordingFile], counted: np.ndarray) -> list[FileUse]:
     """What is used of each file, by whether each row of all counts."""
     parts = np.split(counted, np.cumsum([f.rows for f in files])[:-1])
     return [

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.likelihood.shapes import Force, spans
+from calibration.likelihood.mode import Mode
+from calibration.likelihood.shapes import Force, alike, spans
 from calibration.systems.machines.problem import Problem
+from calibration.systems.machines.readings import LEVEL
 
 PIECES = 6
-LEVEL = 0.02  # readings of pressure closer than this, relative, are one level
 SIZE = 0.1  # of a piece, of the rig's ordinary torque or flow
-SAME = 0.98  # rank correlation above which two coordinates are one
 
 
-def forces_of(problem: Problem, friction: float) -> list[Force]:
-    """Free-form forces of a recording. `friction`: viscous coefficient, by which a rotor forgets a force [N m s]."""
+def forces(problem: Problem, mode: Mode) -> list[Force]:
+    """Free-form forces of a recording: a rotor forgets them by the viscous friction of a mode."""
+    friction = problem.values(mode.z[: len(problem.nuisances)]).get(problem.friction, 0.0)
     found = []
     for channel, balance, coordinate in problem.system.balances:
         mine = [not channel or one.channel == channel for one in problem.readings]
@@ -61,16 +62,14 @@ def _edges(values: np.ndarray, coordinate: str) -> np.ndarray:
     return np.unique(np.concatenate([[ordered[0]], inner, [ordered[-1]]]))
 
 
-def same_coordinates(problem: Problem, coordinate: str) -> tuple[str, ...]:
+def same_coordinates(problem: Problem, _mode: Mode, coordinate: str) -> tuple[str, ...]:
     """Coordinates that this recording cannot tell from one."""
-    from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared
-
     known = [one for one in problem.system.coordinates() if coordinate in one]
     found = []
     for other in dict.fromkeys(("speed", "pressure", "time", *(name for one in known for name in one))):
         if other == coordinate or not known or any(other not in one for one in known):
             continue
         a, b = (np.concatenate([np.abs(one[name]) for one in known]) for name in (coordinate, other))
-        if np.ptp(a) > 0.0 and np.ptp(b) > 0.0 and abs(np.corrcoef(rankdata(a), rankdata(b))[0, 1]) > SAME:
+        if alike(a, b):
             found.append(other)
     return tuple(found)

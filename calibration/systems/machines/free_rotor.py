@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from calibration.data.runs_in_time import coast_down
+from calibration.likelihood.shapes import first_order
 from calibration.systems.machines.readings import TO_SI, Flat, Readings, noise_sd
 from calibration.systems.machines.system import Coordinates, Simulate, pieces_of, segments
 from calibration.systems.machines.table import MachineTable, instrument, rows_used, transients
@@ -100,13 +101,13 @@ class FreeRotor:
         """What torques along a coast-down do to its speed: each is forgotten as viscous friction slows the rotor."""
         _, time, compared = self._coasts[i]
         clock, J = time[compared], self._table.inertia
-        out, rate = np.zeros_like(pieces), friction / J
-        for k in range(1, clock.size):
-            dt = clock[k] - clock[k - 1]
-            keep = np.exp(-rate * dt)
-            per = (1.0 - keep) / (rate * J) if rate > 0.0 else dt / J
-            out[k] = out[k - 1] * keep - 0.5 * (pieces[k] + pieces[k - 1]) * per
-        return 0.5 * (out + np.concatenate([out[:1], out[:-1]]))
+        rate, dt = friction / J, np.diff(clock)
+        keeps = np.exp(-rate * dt)
+        per = (1.0 - keeps) / (rate * J) if rate > 0.0 else dt / J
+        start = np.zeros((1, pieces.shape[1]))
+        later = first_order(0.5 * (pieces[1:] + pieces[:-1]) * per[:, None], keeps, start[0])
+        out = np.concatenate([start, later])
+        return 0.5 * (out + np.concatenate([start, out[:-1]]))
 
     def folds(self) -> tuple[list[np.ndarray], str]:
         """Segments of the coast-downs."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.likelihood import compared
 from calibration.systems.machines.readings import Readings
 from calibration.unknowns.priors import NOISE_SD
 
@@ -78,7 +79,7 @@ class Whitener:
         return math.tanh(float(self.u[len(self.readings) + i]))
 
 
-class Noise:
+class Noise(compared.Noise):
     """The noise of a recording as a function of u.
 
     `spread`, shape (2 l,): standard deviations of u's prior [-].
@@ -90,10 +91,6 @@ class Noise:
         self.spread = np.repeat([NOISE_SD, EVEN_SD], count)
         self.scales = slice(0, count)
         self.free = np.array([True] * count + [one.serial for one in readings], dtype=bool)
-
-    def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
-        """None: how loud foreign readings are, who declares them seldom knows."""
-        return None
 
     def told(self, u: np.ndarray) -> list[dict[str, Any]]:
         """The noise of each array, with its label. `u`, shape (2 l,): the noise [-]."""

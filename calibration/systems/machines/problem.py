@@ -8,31 +8,27 @@ from typing import Any
 import numpy as np
 
 from calibration.data.clock import needs_clock
+from calibration.likelihood import compared
 from calibration.systems.machines.readings import Flat
 from calibration.systems.machines.system import has_system, systems
-from calibration.systems.machines.table import rows_used, table_of
-from calibration.unknowns.effects import searched
+from calibration.systems.machines.table import table_of
 from calibration.unknowns.priors import OfInstrument, OfRun, Unknown
 from model.effects import Effect, EffectParameter, effects
+from model.effects.laws import Chosen
 from model.rigs.state import scaled
 from rig.recording import Recording, RecordingError
 from rig.recording.columns import Known, quantity
 
 COMMON = ("coulomb_friction", "stribeck_friction", "windage", "friction_warm_up")  # what any machine may have
-NOT_LOOKED_AT = "of a kind, or without the columns, that this rig is judged by"
 OF_AXIS, OF_SLIDE = {"drive": "torque"}, {"drive": "force", "speed": "velocity"}  # quantities by another name
 WIDE = 10.0  # sizes: the prior's deviation of an unknown of which nothing is known
-FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
 LEAST = 1e-9  # share of their prior's middle to which friction and displacement may fall
 
-Chosen = dict[str, dict[str, float]]
 
-
-class Problem:
+class Problem(compared.Problem):
     """A recording of a machine that is not the article's motor.
 
     `recording`: with an inline motor of another kind than the radial piston motor.
-    `friction`: the nuisance that every machine has: its viscous friction.
     `wide`, shape (n_nuisances,): nuisances of which nothing is known.
     Raises RecordingError when the columns that its kind needs are missing.
     """
@@ -73,14 +69,6 @@ class Problem:
             (effect.id, one.name): scaled(one, self.sizes) for effect in effects().values() for one in effect.parameters
         }
 
-    def rows_used(self) -> list[dict[str, Any]]:
-        """Rows used of each file of the recording, as ``files`` of diagnosis/1."""
-        seen = {one["file"]: one for one in self.system.files}
-        return [
-            seen.get(file.file) or rows_used(file, {NOT_LOOKED_AT: np.ones(file.rows, dtype=bool)})
-            for file in self.recording.files
-        ]
-
     def effects_that_could(self) -> list[Effect]:
         """The effects that this rig could show, in the order of their ids."""
         moves = any(one.channel in ("drive", "speed") for one in self.readings)
@@ -89,34 +77,9 @@ class Problem:
             found = [name for name in found if not needs_clock(effects()[name])]
         return [effects()[name] for name in sorted(found)]
 
-    def effect(self, name: str) -> Effect:
-        """An effect by its id."""
-        return effects()[name]
-
-    def nuisance_of(self, effect: str, parameter: str) -> str:
-        """The nuisance that an effect has the form of; empty where there is none."""
-        return effects()[effect].nuisance
-
     def parameter(self, effect: str, name: str) -> EffectParameter:
         """A parameter of an effect: its bounds and its scale on this rig."""
         return self._parameters[effect, name]
-
-    def amplitude(self, effect: str) -> EffectParameter:
-        """The parameter of an effect that says how large it is."""
-        return self._parameters[effect, effects()[effect].amplitude.name]
-
-    def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
-        """Effect id and unknown of each parameter of a set, in its order."""
-        return [
-            (name, searched(self.parameter(name, one.name))) for name in names for one in effects()[name].parameters
-        ]
-
-    def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
-        """Values of the effects' parameters."""
-        found: Chosen = {name: {} for name in names}
-        for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
-            found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
-        return found
 
     def values(self, z: np.ndarray) -> dict[str, float]:
         """Values of the nuisances by their names [SI]. `z`, shape (n_nuisances,): nuisances [-]."""
@@ -124,22 +87,14 @@ class Problem:
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the nuisances [-], each shape (n_nuisances,)."""
-        low = np.full(len(self.nuisances), -FARTHEST)
+        low, high = super().bounds()
         for i, one in enumerate(self.nuisances):
             least = self._lows.get(one.name, -np.inf)
             if one.name in (self.friction, "displacement"):
                 least = max(least, LEAST * one.a)
             if np.isfinite(least):
                 low[i] = max(low[i], one.z(least))
-        return low, np.full(low.size, FARTHEST)
-
-    def place(self, name: str) -> int | None:
-        """Where a nuisance stands among the unknowns; None where it is none of this recording."""
-        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
-
-    def in_si(self, nuisance: str) -> float:
-        """What a nuisance's value is multiplied by to be SI [-]: all are."""
-        return 1.0
+        return low, high
 
     def quantity(self, name: str) -> Known:
         """What a channel or a coordinate is measured in; "drive" is a torque, and a slide's a force."""
@@ -162,9 +117,6 @@ class Problem:
     ) -> np.ndarray:
         """What the instruments would read, one array after the other [SI], shape (m,)."""
         return np.concatenate(self.system.predict(self.values(z), chosen))
-
-    def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: np.ndarray) -> None:
-        """Nothing makes predictions close by cheap."""
 
     def _add_friction(self, flats: list[Flat], unknowns: list[Unknown]) -> None:
         if not any(one.channel in ("drive", "speed") for one in self.readings):

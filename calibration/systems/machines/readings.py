@@ -12,6 +12,7 @@ from rig.recording.columns import NUMERIC
 
 TO_SI = {known.column: known.to_si for known in NUMERIC.values()}
 SAME_SPEED, SAME_PRESSURE = 0.03, 0.005  # relative: rows closer than this are at one state
+LEVEL = 0.02  # readings of pressure closer than this, relative, are one level
 ROWS_EACH = 4  # on average, from which on rows are taken together
 MOST_ALIKE = 0.9
 

@@ -7,10 +7,11 @@ import importlib
 import math
 import pkgutil
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, get_args
+from typing import Protocol, get_args
 
 import numpy as np
 
+from calibration.data.rows_used import FileUse
 from calibration.systems.machines.readings import Flat, Readings
 from calibration.systems.machines.table import MachineTable
 from calibration.unknowns.priors import Unknown
@@ -39,7 +40,7 @@ class System(Protocol):
     unknowns: list[Unknown]
     sizes: Sizes
     timed: bool
-    files: list[dict[str, Any]]
+    files: list[FileUse]
 
     def __init__(self, table: MachineTable) -> None: ...
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.rows_used import FileUse, use_of
 from calibration.data.runs_in_time import why_left
 from calibration.unknowns.priors import Unknown, off
 from configs.units import BAR, ZERO_C
@@ -53,13 +54,13 @@ def transients(recording: Recording, *columns: str) -> list[RecordingFile]:
     return [f for f in recording.files if f.kind == "transient" and set(columns) <= set(f.columns)]
 
 
-def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> dict[str, Any]:
+def rows_used(file: RecordingFile, left: Mapping[str, np.ndarray]) -> FileUse:
     """What is used of a file, as an entry of ``files`` of diagnosis/1.
 
     `left`, shape (rows,): rows that are not used, by the reason.
     """
     not_used = int(np.sum(np.any([*left.values()], axis=0))) if left else 0
-    return {"file": file.file, "rows": file.rows, "rows_used": file.rows - not_used, "why": why_left(left)}
+    return use_of(file, not_used, why_left(left))
 
 
 def instrument(recording: Recording, channel: str, column: str) -> list[Unknown]:

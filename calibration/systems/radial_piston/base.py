@@ -1,4 +1,4 @@
-"""Step 1: the base model of a recording, what everything else is held against."""
+"""The base model of a recording, what everything else is held against."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _by_plateaus(comparison: Comparison) -> Mode | None:
     steady = type(comparison)(Problem(replace(recording, files=files)))
     mode = find(steady, ())
     f, u = Function(comparison, ()), np.zeros(mode.u.size)
-    z = with_lines(f, comparison, carried(steady.problem, mode, problem)[0], u)
+    z = with_lines(comparison, f, carried(steady.problem, mode, problem)[0], u)
     comparison.see_pulses(z)
     D, nothing = np.zeros((comparison.read.size, z.size)), np.zeros(comparison.read.size)
     return Mode((), z, mode.u, D, D, nothing, np.eye(z.size), 0.0, nothing, f(z))

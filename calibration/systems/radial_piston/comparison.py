@@ -16,25 +16,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from calibration.data.blocks import Blocks, levels
-from calibration.data.rows_used import by_diagnosis
-from calibration.likelihood.compared import Row
+from calibration.data.rows_used import FileUse, by_diagnosis
+from calibration.likelihood.compared import Compared, Row
 from calibration.likelihood.expected import Test
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.noise_test import NoiseTest
-from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
-from calibration.systems.radial_piston import run_starts
+from calibration.likelihood.shapes import Places
+from calibration.systems.radial_piston import derivatives, not_described, run_starts, valley
 from calibration.systems.radial_piston.base import base_of
-from calibration.systems.radial_piston.derivatives import known_derivative
 from calibration.systems.radial_piston.next_tests.planned import expected_readings, planned
 from calibration.systems.radial_piston.next_tests.quantities import expected_quantity, quantities
 from calibration.systems.radial_piston.noise import Noise, Whitener
-from calibration.systems.radial_piston.not_described import CHECK, not_described
 from calibration.systems.radial_piston.places.balances import balances
 from calibration.systems.radial_piston.places.coordinates import same_coordinates
 from calibration.systems.radial_piston.places.forces import forces
@@ -45,8 +41,6 @@ from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR, carr
 from calibration.systems.radial_piston.predict.kinds import FLOW, LINE, RUN, SPEED, STANDING, VENTED
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from calibration.systems.radial_piston.predict.wheel import rest_sd
-from calibration.systems.radial_piston.valley import along_valley
-from calibration.unknowns.priors import Unknown
 from rig.recording import Recording
 
 SEGMENTS = 3  # of each run in time, held out in turn
@@ -55,23 +49,25 @@ MOST_LEVELS = 6  # folds of plateaus
 DRAWN_SEGMENTS = 6  # of each run in time, drawn like the pressure levels
 
 
-class Comparison:
+class Comparison(Compared):
     """A recording as a vector.
 
-    `read`, shape (m,): readings [SI]; nan where there is none.
     `kind`, shape (m,): FLOW, SPEED, RUN + i, VENTED, STANDING, or LINE.
     `index`, shape (m,): row of the plateaus, or sample of the run.
-    `of_a_kind`: places of the readings that there are, kind by kind.
-    `again`: places of an instrument's readings at each pressure level that was visited more than once.
-    `end`: where the runs' samples end and the readings beside them begin [-].
+    `n`: number of plateaus [-].
     `swing`, shape (end - 2 n,): how far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms
         [rad].
-    `in_time`: whether there are runs in time: to predict those takes seconds.
     """
 
-    rig = ""
-    thorough = False
-    check: tuple[str, ...] = CHECK
+    problem: Problem
+    noise: Noise
+    check = not_described.CHECK
+    base = base_of
+    turned = run_starts.turned
+    loosened = run_starts.loosened
+    along_valley = valley.along_valley
+    known_derivative = derivatives.known_derivative
+    not_described = not_described.not_described
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -84,7 +80,6 @@ class Comparison:
         self.known = np.isfinite(self.read)
         self.n = n
         self.swing = np.zeros(self.end - 2 * n)
-        self.trusting = False
         self._middle: np.ndarray | None = None
         self.in_time = bool(runs)
         pairs = list(zip(runs, self.used, strict=True))
@@ -122,21 +117,12 @@ class Comparison:
         other.problem, other._middle = self.problem.giving(given), None
         return other
 
-    @property
-    def size(self) -> int:
-        """Number of readings [-]."""
-        return int(self.known.sum())
-
     def raw(self, predicted: Prediction) -> np.ndarray:
         """A prediction as a vector [SI]."""
         runs = (speed[used] for speed, used in zip(predicted.runs, self.used, strict=True))
         return np.concatenate(
             [predicted.flow, predicted.speed, *runs, predicted.vented, predicted.standing, predicted.line]
         )
-
-    def is_told(self, predicted: Prediction) -> bool:
-        """Whether a prediction has a value for every reading that there is."""
-        return bool(np.all(np.isfinite(self.raw(predicted)[self.known])))
 
     def whitener(self, predicted: Prediction, u: np.ndarray) -> Whitener:
         """The map at a prediction, whose slopes say what the gauge's noise does."""
@@ -180,42 +166,12 @@ class Comparison:
         out[2 * n : end] += (angle - before) / self.step
         return out
 
-    def free_in_test(self, mode: Mode) -> np.ndarray:
-        """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,): their priors hold."""
-        return np.ones(mode.z.size)
-
-    def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
-        """The noise in the test for a mismatch."""
-        return NoiseTest(self, mode, every, good)
-
-    def base(self) -> Mode:
-        """The base model at its most probable point."""
-        return base_of(self)
-
     def middle(self) -> np.ndarray:
         """Where a search starts: the prior's middle, the lines of the runs where they suit the readings best [-]."""
         if self._middle is None:  # the same for every set
             z, u = np.zeros(len(self.problem.nuisances)), np.zeros(self.noise.spread.size)
-            self._middle = run_starts.with_lines(Function(self, ()), self, z, u)
+            self._middle = run_starts.with_lines(self, Function(self, ()), z, u)
         return self._middle
-
-    def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: Prediction) -> tuple[np.ndarray, Prediction]:
-        """A point with the shaft's angles at the best of a few, and the prediction there."""
-        return run_starts.turned(f, self, z, u, here)
-
-    def loosened(self, f: Function, z: np.ndarray, here: Prediction, D: np.ndarray) -> list[np.ndarray]:
-        """Points at which each level that was seen to turn does."""
-        return run_starts.loosened(f, self, z, here, D)
-
-    def along_valley(
-        self, f: Function, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray
-    ) -> np.ndarray:
-        """A step with f_overall set anew, so that the plateaus' speeds do on average what was to be expected of it."""
-        return along_valley(f, self, z, tried, here, D)
-
-    def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:
-        """What a nuisance does to the readings [SI], shape (m,), where that needs no simulation; None elsewhere."""
-        return known_derivative(self, i, z, raw, names)
 
     def carried(self, other: Comparison, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What another recording says of the motor and the effects of this one.
@@ -227,9 +183,9 @@ class Comparison:
 
     def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Prediction]:
         """A point with the lines and the angles of the runs where they suit the readings best, and what it predicts."""
-        z = run_starts.with_lines(f, self, run_starts.turned(f, self, z, u, f(z))[0], u)
+        z = run_starts.with_lines(self, f, self.turned(f, z, u, f(z))[0], u)
         self.see_pulses(z[: f.k])
-        return run_starts.turned(f, self, z, u, f(z))
+        return self.turned(f, z, u, f(z))
 
     def channels(self) -> dict[str, np.ndarray]:
         """Which readings are flows and which speeds: masks of shape (m,)."""
@@ -276,41 +232,19 @@ class Comparison:
             found += np.array_split(np.flatnonzero(self.kind == RUN + i), DRAWN_SEGMENTS)
         return np.flatnonzero(beside), found
 
-    def ordinary_speed(self, mode: Mode) -> float:
-        """Root mean square of the plateaus' speeds [rad/s]."""
-        return float(np.sqrt(float(np.mean(np.nan_to_num(mode.prediction.speed) ** 2))))
-
-    def forces(self, mode: Mode) -> list[Force]:
-        """The free-form forces that a mismatch is tested with."""
-        return forces(self, mode)
-
-    def angle_force(self, mode: Mode) -> Force | None:
-        """A torque along the shaft's angle; None where the samples do not resolve it."""
-        return angle_force(self, mode)
-
-    def balances(self, mode: Mode) -> list[Balance]:
-        """What may be off, and along what."""
-        return balances(self, mode)
-
-    def forms(self, mode: Mode) -> list[Form]:
-        """Terms that a law may be made of."""
-        return forms(self, mode)
-
-    def steps_in_time(self, mode: Mode) -> StepsInTime | None:
-        """Steps in the running time; None where the recording has no clock for one."""
-        return steps_in_time(self, mode)
-
-    def same_coordinates(self, mode: Mode, coordinate: str) -> tuple[str, ...]:
-        """Coordinates that this recording cannot tell from one."""
-        return same_coordinates(self, mode, coordinate)
-
-    def not_observable(self, mode: Mode) -> list[str]:
-        """Coordinates along which this recording can show nothing, each in a sentence."""
-        return not_observable(self, mode)
-
-    def not_described(self, base: Mode) -> str:
-        """How far the base model is from the readings where it does not describe them at all; empty where it does."""
-        return not_described(self, base)
+    @property
+    def places(self) -> Places:
+        """Where something may be missing at this motor."""
+        return Places(
+            forces=partial(forces, self),
+            angle_force=partial(angle_force, self),
+            balances=partial(balances, self),
+            forms=partial(forms, self),
+            steps_in_time=partial(steps_in_time, self),
+            same_coordinates=partial(same_coordinates, self),
+            not_observable=partial(not_observable, self),
+            ordinary_speed=ordinary_speed,
+        )
 
     def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
         """Tests that this bench could make, then quantities that could be read; none without plateaus."""
@@ -322,15 +256,14 @@ class Comparison:
             words = f"{one.words}: {one.needs}" if one.needs else one.words
             yield Test(words, one.needs, partial(expected_quantity, one, self.problem))
 
-    friction_unit = "N m s"
-
-    def unit(self, unknown: Unknown) -> str:
-        """The unit of an effect's parameter."""
-        return unknown.unit
-
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file, as ``files`` of diagnosis/1."""
         return by_diagnosis(self.problem.recording, self.problem.blocks)
+
+
+def ordinary_speed(mode: Mode) -> float:
+    """Root mean square of the plateaus' speeds [rad/s]."""
+    return float(np.sqrt(float(np.mean(np.nan_to_num(mode.prediction.speed) ** 2))))
 
 
 def _slopes(predicted: Prediction) -> tuple[np.ndarray, np.ndarray]:

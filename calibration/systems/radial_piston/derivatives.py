@@ -36,7 +36,7 @@ def known_derivative(
     if of.what == TURN and not follows_angle(names):
         return np.zeros_like(raw)
     run = problem.run_of(i)
-    if run is None or not wheel.is_of_wheel(of.what):
+    if run is None or of.what not in wheel.WAVES:
         return None
     found = np.zeros_like(comparison.read)
     one = problem.blocks.runs[run]

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky_banded
 from scipy.linalg.lapack import dtbtrs, dtrtrs
 
+from calibration.likelihood import compared
 from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.unknowns.priors import CHANNELS, NOISE_SD, Unknown, noise_scale
 
@@ -74,7 +74,7 @@ class Whitener:
         return float(np.log(np.diag(self.plateaus)).sum() + np.log(self.band[0]).sum())
 
 
-class Noise:
+class Noise(compared.Noise):
     """The noise of a recording as a function of u.
 
     `known`, shape (m,): readings that there are: plateaus' flows, their speeds, samples, readings beside them.
@@ -114,10 +114,6 @@ class Noise:
         """What the first numbers of u stand for: u is the prior's sd times the standard normal number of each."""
         why = "a declared noise figure is uncertain by a factor 1.35"
         return [noise_scale(channel, why) for channel in CHANNELS]
-
-    def told(self, u: np.ndarray) -> list[dict[str, Any]]:
-        """Nothing: the page has the noise of each instrument."""
-        return []
 
     def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
         """The loudest channel and its noise in declared ones [-], where that is not believable; None where it is.

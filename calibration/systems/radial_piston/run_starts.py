@@ -33,7 +33,7 @@ FAR_OFF = 1e4  # noise sds; farther off is no worse
 
 
 def turned(
-    f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, here: Prediction
+    comparison: Comparison, f: Function, z: np.ndarray, u: np.ndarray, here: Prediction
 ) -> tuple[np.ndarray, Prediction]:
     """A point with each of its angles at the best of a few, and the prediction there.
 
@@ -57,20 +57,18 @@ def turned(
     return z, here
 
 
-def with_lines(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray) -> np.ndarray:
+def with_lines(comparison: Comparison, f: Function, z: np.ndarray, u: np.ndarray) -> np.ndarray:
     """A point with the line of each run where it suits the readings best, all else as it is [-], shape (n,).
 
     `z`, shape (n,): the point [-].
     `u`, shape (5,): the noise [-].
     """
     for run in range(len(comparison.problem.blocks.runs)):
-        z = _with_line(f, comparison, z, u, run)
+        z = _with_line(comparison, f, z, u, run)
     return z
 
 
-def loosened(
-    f: Function, comparison: Comparison, z: np.ndarray, predicted: Prediction, D: np.ndarray
-) -> list[np.ndarray]:
+def loosened(comparison: Comparison, f: Function, z: np.ndarray, here: Prediction, D: np.ndarray) -> list[np.ndarray]:
     """Points at which each level that was seen to turn does: with less roller friction, or with less lap.
 
     The point itself where they turn already, or where neither helps.
@@ -85,7 +83,7 @@ def loosened(
     seen = read > NOT_NOISE * max(problem.noise["speed"], problem.resolution["speed"])
 
     def turns(tried: np.ndarray) -> bool:
-        speed = f(tried, predicted, ()).speed[seen]
+        speed = f(tried, here, ()).speed[seen]
         return bool(np.all(np.isfinite(speed)) and np.all(speed > TURNS * read[seen]))
 
     if turns(z):
@@ -99,14 +97,14 @@ def loosened(
             tried = tried.copy()
             tried[place] -= LOOSER_BY
             tried[friction] += instead * LOOSER_BY
-            tried = f.along_valley(z, f.clip(tried), predicted, D)
+            tried = f.along_valley(z, f.clip(tried), here, D)
             if turns(tried):
                 found.append(tried)
                 break
     return found or [z]
 
 
-def _with_line(f: Function, comparison: Comparison, z: np.ndarray, u: np.ndarray, run: int) -> np.ndarray:
+def _with_line(comparison: Comparison, f: Function, z: np.ndarray, u: np.ndarray, run: int) -> np.ndarray:
     """A point with the line of one run where it suits the readings best.
 
     The moment at which it begins to move may be anywhere at first: a few are tried, with several time constants, by a

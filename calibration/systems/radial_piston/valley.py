@@ -16,7 +16,7 @@ STRAIGHT = 0.002  # of f_overall's prior sd: after so small a correction a secon
 
 
 def along_valley(
-    f: Function, comparison: Comparison, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray
+    comparison: Comparison, f: Function, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray
 ) -> np.ndarray:
     """A step with f_overall set anew, so that the plateaus' speeds do on average what was to be expected of it.
 

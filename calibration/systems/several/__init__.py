@@ -6,6 +6,7 @@ noise.
 
 sharing     of which effects each recording has its own sizes
 problem     the unknowns, and the predictions
+places      where something may be missing in them
 noise       each recording's noise, and the map that it sets
 comparison  the recordings as one vector: what the diagnosis sees
 """

@@ -9,22 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from calibration.likelihood.compared import Row
+from calibration.data.rows_used import FileUse
+from calibration.likelihood.compared import Compared, Row
 from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Expected, Test
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.noise_test import NoiseTest
-from calibration.likelihood.shapes import Balance, Force, Form, StepsInTime
+from calibration.likelihood.shapes import Places
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.noise import Noises, Whiteners
+from calibration.systems.several.places import places_of
 from calibration.systems.several.problem import Predictions, SeveralProblem
 from calibration.systems.several.sharing import SHARED, Sharing
-from calibration.unknowns.priors import Unknown
 from rig.recording import Recording
 
 
-class Several:
+class Several(Compared):
     """Recordings of one motor as one vector.
 
     Its first readings are all plateaus, then come the samples of all runs, then what is read beside them.
@@ -33,7 +33,8 @@ class Several:
     `sharing`: of which effects each has its own sizes.
     """
 
-    rig = ""
+    problem: SeveralProblem
+    noise: Noises
 
     def __init__(self, parts: Sequence[Comparison], names: Sequence[str], sharing: Sharing = SHARED) -> None:
         self.parts, self.names = list(parts), list(names)
@@ -52,13 +53,7 @@ class Several:
         self.again = tuple(self.at[k][mine] for k, part in enumerate(parts) for mine in part.again)
         self.in_time = any(part.in_time for part in parts)
         self.thorough = sharing.changes and not self.in_time  # what else could explain a change is to be complete
-        self.check: tuple[str, ...] = parts[0].check
-        self.trusting = False
-
-    @property
-    def size(self) -> int:
-        """Number of readings [-]."""
-        return int(self.known.sum())
+        self.check = parts[0].check
 
     @property
     def rows(self) -> list[Row]:
@@ -72,10 +67,6 @@ class Several:
     def raw(self, predicted: Predictions) -> np.ndarray:
         """Predictions as a vector [SI], shape (m,)."""
         return self._joined([part.raw(one) for part, one in zip(self.parts, predicted, strict=True)])
-
-    def is_told(self, predicted: Predictions) -> bool:
-        """Whether the predictions have a value for every reading that there is."""
-        return all(part.is_told(one) for part, one in zip(self.parts, predicted, strict=True))
 
     def whitener(self, predicted: Predictions, u: np.ndarray) -> Whiteners:
         """The map to standard normal numbers."""
@@ -105,14 +96,6 @@ class Several:
         each = [part.drawn_noise(predicted[k], u[self.noise.places(k)], rng) for k, part in enumerate(self.parts)]
         return self._joined(each)
 
-    def free_in_test(self, mode: Mode) -> np.ndarray:
-        """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,): their priors hold."""
-        return np.ones(mode.z.size)
-
-    def noise_test(self, mode: Mode, every: np.ndarray, good: np.ndarray) -> NoiseTest:
-        """The noise in the test for a mismatch."""
-        return NoiseTest(self, mode, every, good)
-
     def giving(self, given: Mapping[tuple[str, str], float]) -> Several:
         """The same, with other parameters of effects given, by (effect, parameter) [own unit]."""
         return Several([part.giving(given) for part in self.parts], self.names, self.problem.sharing)
@@ -124,10 +107,6 @@ class Several:
     def carried(self, other: Any, mode: Mode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Several recordings are never held out. Raises NotImplementedError: always."""
         raise NotImplementedError("several recordings are never held out")
-
-    def begun(self, f: Function, z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Predictions]:
-        """The point itself, and what it predicts."""
-        return z, f(z)
 
     def base(self) -> Mode:
         """The base model: from where each recording alone leads, the motor by the mean that their spreads weigh."""
@@ -211,7 +190,7 @@ class Several:
 
     def folds(self) -> tuple[list[np.ndarray], str]:
         """Masks of the readings that are held out together: those of each recording."""
-        found = [self._lifted(k, mask) for k, part in enumerate(self.parts) for mask in part.folds()[0]]
+        found = [self.lifted(k, mask) for k, part in enumerate(self.parts) for mask in part.folds()[0]]
         return found, f"{self.parts[0].folds()[1]} of each recording"
 
     def drawn_together(self) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -220,53 +199,10 @@ class Several:
         always = np.concatenate([self.at[k][one] for k, (one, _) in enumerate(each)])
         return always, [self.at[k][block] for k, (_, blocks) in enumerate(each) for block in blocks]
 
-    def ordinary_speed(self, mode: Mode) -> float:
-        """Root mean square of the plateaus' speeds [rad/s]."""
-        each = [part.ordinary_speed(self.of_part(k, mode)) for k, part in enumerate(self.parts) if part.n]
-        return float(np.sqrt(np.mean(np.square(each)))) if each else 0.0
-
-    def forces(self, mode: Mode) -> list[Force]:
-        """The free-form forces of each recording."""
-        return [
-            replace(one, columns=self._lifted(k, one.columns), recording=self.names[k])
-            for k, part in enumerate(self.parts)
-            for one in part.forces(self.of_part(k, mode))
-        ]
-
-    def angle_force(self, mode: Mode) -> Force | None:
-        """A torque along the shaft's angle, of the first recording that resolves it."""
-        for k, part in enumerate(self.parts):
-            one = part.angle_force(self.of_part(k, mode))
-            if one is not None:
-                return replace(one, columns=self._lifted(k, one.columns), recording=self.names[k])
-        return None
-
-    def balances(self, mode: Mode) -> list[Balance]:
-        """What may be off in each recording, and along what."""
-        found = []
-        for k, part in enumerate(self.parts):
-            for one in part.balances(self.of_part(k, mode)):
-                columns = partial(self._lifted_columns, k, one)
-                found.append(replace(one, columns=columns, recording=self.names[k]))
-        return found
-
-    def forms(self, mode: Mode) -> list[Form]:
-        """None: no law is looked for in several recordings at once."""
-        return []
-
-    def steps_in_time(self, mode: Mode) -> StepsInTime | None:
-        """None: no step is looked for in several recordings at once."""
-        return None
-
-    def same_coordinates(self, mode: Mode, coordinate: str) -> tuple[str, ...]:
-        """Coordinates that none of the recordings can tell from one."""
-        each = [part.same_coordinates(self.of_part(k, mode), coordinate) for k, part in enumerate(self.parts)]
-        return tuple(name for name in each[0] if all(name in one for one in each))
-
-    def not_observable(self, mode: Mode) -> list[str]:
-        """Coordinates along which none of the recordings can show anything, each in a sentence."""
-        each = [part.not_observable(self.of_part(k, mode)) for k, part in enumerate(self.parts)]
-        return [words for words in each[0] if all(words in one for one in each)]
+    @property
+    def places(self) -> Places:
+        """Where something may be missing in one of the recordings."""
+        return places_of(self)
 
     def not_described(self, base: Mode) -> str:
         """How far the base model is from the readings of the first recording that it does not describe at all."""
@@ -283,13 +219,7 @@ class Several:
         for test in self.parts[k].tests([self.of_part(k, mode) for mode in rivals]):
             yield replace(test, expected=partial(read, test))
 
-    friction_unit = "N m s"
-
-    def unit(self, unknown: Unknown) -> str:
-        """The unit of an effect's parameter."""
-        return unknown.unit
-
-    def rows_used(self) -> list[dict[str, Any]]:
+    def rows_used(self) -> list[FileUse]:
         """Rows used of each file, with the name of its recording ahead."""
         return [
             one | {"file": f"{name}/{one['file']}"} for _, (name, part) in self._numbered() for one in part.rows_used()
@@ -334,11 +264,8 @@ class Several:
             out[at] = one
         return out
 
-    def _lifted(self, k: int, values: np.ndarray) -> np.ndarray:
+    def lifted(self, k: int, values: np.ndarray) -> np.ndarray:
         """What one recording has, with zeros for all the others."""
         out = np.zeros((self.read.size, *values.shape[1:]), dtype=values.dtype)
         out[self.at[k]] = values
         return out
-
-    def _lifted_columns(self, k: int, of: Balance, pieces: Any) -> np.ndarray:
-        return self._lifted(k, of.columns(pieces))

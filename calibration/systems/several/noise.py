@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from calibration.likelihood import compared
 from calibration.likelihood.compared import Whitener
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.unknowns.priors import Unknown
@@ -42,7 +42,7 @@ class Whiteners:
         return sum(part.log_scale for part in self._parts)
 
 
-class Noises:
+class Noises(compared.Noise):
     """The noise of each recording; the scales of all come first in u."""
 
     def __init__(self, parts: Sequence[Comparison], names: Sequence[str]) -> None:
@@ -68,10 +68,6 @@ class Noises:
         further = self._parts[0].noise.spread.size - SCALES
         first = SCALES * len(self._parts) + further * k
         return np.r_[SCALES * k : SCALES * (k + 1), first : first + further]
-
-    def told(self, u: np.ndarray) -> list[dict[str, Any]]:
-        """Nothing: the pages have the noise of each instrument."""
-        return []
 
     def too_loud(self, u: np.ndarray) -> tuple[str, float] | None:
         """The first recording's channel that is too loud to be believed; None where none is."""

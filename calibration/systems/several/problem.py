@@ -10,19 +10,20 @@ from typing import Any
 import numpy as np
 
 from calibration.data.dates import date_of, day_of
-from calibration.likelihood.compared import Chosen
+from calibration.likelihood import compared
 from calibration.systems.radial_piston.predict.carried import OF_THE_MOTOR
 from calibration.systems.radial_piston.predict.problem import Prediction, Problem
 from calibration.systems.several.sharing import CHANGE, OF_THE_MOTOR_CHANGED, SHARED, Sharing, shared
 from calibration.unknowns.effects import changed, searched, unchanged
 from calibration.unknowns.priors import Unknown, column_of, drift_of, figures_of, full_name
-from model.effects import Effect, EffectParameter, effects
+from model.effects import Effect, effects
+from model.effects.laws import Chosen
 
 END = 1e-6  # share by which a value keeps from the end of its prior
 Predictions = tuple[Prediction, ...]
 
 
-class SeveralProblem:
+class SeveralProblem(compared.Problem):
     """The unknowns of several recordings.
 
     `parts`: of each recording.
@@ -37,7 +38,7 @@ class SeveralProblem:
 
     def __init__(self, parts: Sequence[Problem], names: Sequence[str], sharing: Sharing = SHARED) -> None:
         self.parts, self.names, self.sharing = list(parts), list(names), sharing
-        self.recording = parts[0].recording
+        self.recording, self.given = parts[0].recording, parts[0].given
         self.nuisances: list[Unknown] = []
         self.at: list[np.ndarray] = []
         self._of: list[tuple[int, int]] = []  # the recording that a nuisance stands in first, and its place there
@@ -196,18 +197,10 @@ class SeveralProblem:
             for mine in self._whose(name)
             for one in shared(name).parameters
         ]
-        return [(name, one) for name, one in found if (name, one.name) not in self.parts[0].given]
+        return [(name, one) for name, one in found if (name, one.name) not in self.given]
 
     def _whose(self, effect: str) -> Sequence[str]:
         return self.sharing.whose(effect, self.days)
-
-    def parameter(self, effect: str, name: str) -> EffectParameter:
-        """A parameter of an effect: its bounds and its scale."""
-        return next(one for one in self.effect(effect).parameters if one.name == name)
-
-    def amplitude(self, effect: str) -> EffectParameter:
-        """The parameter of an effect that says how large it is."""
-        return self.effect(effect).amplitude
 
     def of_change(
         self, change: str, names: Sequence[str], z: np.ndarray
@@ -232,26 +225,6 @@ class SeveralProblem:
         added = self._added[0] if unchanged(change) == "inertia" else 0.0
         before = self.nuisances[i].value(z[:, i]) - added
         return [(self.nuisances[i], before, before * (1.0 + searched(CHANGE).value(mine[CHANGE.name])))]
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the nuisances [-], each shape (n_nuisances,)."""
-        each = [part.bounds() for part in self.parts]
-        low, high = (np.array([each[k][side][i] for k, i in self._of]) for side in (0, 1))
-        return low, high
-
-    def chosen(self, names: Sequence[str], z: np.ndarray) -> Chosen:
-        """Values of the effects' parameters [own units], by effect."""
-        found: Chosen = {name: {} for name in names}
-        for (name, parameter), value in self.parts[0].given.items():
-            if name in found:
-                found[name][parameter] = value
-        for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
-            found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
-        return found
-
-    def place(self, name: str) -> int | None:
-        """Where a nuisance stands among the unknowns; None where it is none of them."""
-        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
 
     def in_si(self, nuisance: str) -> float:
         """What a nuisance's value is multiplied by to be SI [-]."""

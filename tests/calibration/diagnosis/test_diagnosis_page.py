@@ -22,13 +22,13 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
-from calibration.data.refusals import refuse_starved
+from calibration.data.refusals import refuse_unusable
 from calibration.data.rows_used import few_used
 from calibration.diagnosis import Diagnosis, as_json, diagnose, together
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.discover import Term
-from calibration.diagnosis.steps.verdict import Verdict
+from calibration.diagnosis.steps.verdict import Verdict, VerdictKind
 from calibration.fit import fit
 from calibration.fit.sampling import Settings
 from calibration.likelihood.expected import Capture
@@ -68,7 +68,7 @@ def leak(tmp_path_factory) -> Diagnosis:
     sweep(folder, 3, {"leakage": {"conductance_kg_s_pa2": LEAK}})
     found = diagnose(read_recording(hostile(folder)), 1)
     chosen = next(c for c in found.candidates if c.names == ("leakage",))
-    return dataclasses.replace(found, verdict=Verdict("named", chosen, (), 0.99, "one set explains it alone"))
+    return dataclasses.replace(found, verdict=Verdict(VerdictKind.NAMED, chosen, (), 0.99, "one set explains it alone"))
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def page(files) -> str:
 def confounded(found: Diagnosis) -> Diagnosis:
     """The same, as if it could not be told from a flow meter's scale."""
     rival = next(c.names for c in found.candidates if c.names and "leakage" not in c.names)
-    verdict = Verdict("confounded", found.verdict.chosen, (rival,), 0.6, "several sets explain it")
+    verdict = Verdict(VerdictKind.CONFOUNDED, found.verdict.chosen, (rival,), 0.6, "several sets explain it")
     names = (("leakage",), rival)
     tests = [
         NextTest("coast-down from 1.8 bar", names, 2.0, 3, range_nats=(0.3, 12.0)),
@@ -105,7 +105,9 @@ def confounded(found: Diagnosis) -> Diagnosis:
 def unresolved(found: Diagnosis, column: np.ndarray) -> Diagnosis:
     """The same, as if no set explained it and a law had been found."""
     term = Term("torque", "0.2083*(omega > 32.4) + -0.0049*abs(omega)**1.5", "N m", 5.0, column, (0.97, 0.84))
-    return dataclasses.replace(found, verdict=Verdict("unresolved", None, (), 0.0, ""), term=term, held_out=None)
+    return dataclasses.replace(
+        found, verdict=Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, ""), term=term, held_out=None
+    )
 
 
 def words_of(found: Diagnosis, *figures: str) -> str:
@@ -201,7 +203,7 @@ def test_the_probability_of_a_set_is_told_as_what_it_is_of(leak):
 
 
 def test_beside_a_base_model_that_is_not_excluded_the_probability_is_of_the_set_alone(leak):
-    verdict = dataclasses.replace(leak.verdict, kind="confounded", alternatives=((),))
+    verdict = dataclasses.replace(leak.verdict, kind=VerdictKind.CONFOUNDED, alternatives=((),))
     listed = dataclasses.replace(leak, verdict=verdict)
     told = as_json(listed)["set_probability"]
     assert f"probability that the first of these sets is there is {told:.3f}, by how often" in words_of(listed)
@@ -323,7 +325,7 @@ def test_odds_of_an_unresolved_verdict_are_not_said_to_be_of_a_set_that_it_rests
 
 
 def test_a_base_model_that_explains_everything_is_not_drawn_in_the_colour_of_what_is_wrong(clean):
-    quiet = dataclasses.replace(clean, verdict=Verdict("consistent", None, (), 1.0, ""))
+    quiet = dataclasses.replace(clean, verdict=Verdict(VerdictKind.CONSISTENT, None, (), 1.0, ""))
     axes = Figure().subplots()
     intervals = diagnosis_sets.frictions(quiet, as_json(quiet))
     diagnosis_figures._friction_panel(axes, intervals, diagnosis_figures._colours(quiet))
@@ -332,7 +334,7 @@ def test_a_base_model_that_explains_everything_is_not_drawn_in_the_colour_of_wha
 
 def test_a_recording_that_would_show_nothing_says_so(clean):
     unseen = [dataclasses.replace(one, seen_from=None) for one in clean.resolved]
-    verdict = Verdict("consistent", None, (), 1.0, "")
+    verdict = Verdict(VerdictKind.CONSISTENT, None, (), 1.0, "")
     blind = dataclasses.replace(clean, verdict=verdict, resolved=unseen)
     assert "This recording would show no effect of a believable size." in words_of(blind)
     assert "would show no effect" not in words_of(dataclasses.replace(blind, resolved=clean.resolved))
@@ -415,7 +417,7 @@ def test_a_misread_row_is_named_and_ringed(clean):
 
 
 def test_a_consistent_page_has_nothing_to_rank(clean):
-    verdict = Verdict("consistent", None, (), 1.0, "")
+    verdict = Verdict(VerdictKind.CONSISTENT, None, (), 1.0, "")
     quiet = dataclasses.replace(clean, verdict=verdict, places=[], bad_rows=[])
     said = words_of(quiet)
     assert "No missing effect was detected" in said
@@ -562,7 +564,7 @@ def test_gauge_pressures_under_the_name_of_absolute_ones_are_refused(tmp_path, s
     rows = [line.split(",") for line in table.read_text().splitlines()]
     read, rows[1][2] = rows[1][2], "0.9"
     table.write_text("\n".join(map(",".join, rows)) + "\n")
-    refuse_starved(read_recording(tmp_path / "recording"))
+    refuse_unusable(read_recording(tmp_path / "recording"))
     rows[1][2] = read
     rows[1:] = [[*row[:2], f"{float(row[2]) - 1.013:.3f}", *row[3:]] for row in rows[1:]]
     table.write_text("\n".join(map(",".join, rows)) + "\n")
@@ -578,7 +580,7 @@ def test_rows_of_recordings_of_one_name_are_told_apart(tmp_path):
     both = [sweep(tmp_path / day / "recording", seed, {}) for day, seed in (("monday", 11), ("tuesday", 12))]
     names = [file.file for file in together(both).files]
     assert names == ["recording (1)/sweep.csv", "recording (2)/sweep.csv"]
-    assert diagnose(together(both), 1).verdict.kind == "consistent"
+    assert diagnose(together(both), 1).verdict.kind == VerdictKind.CONSISTENT
 
 
 def test_a_recording_given_twice_is_refused(tmp_path, spinbench_here):

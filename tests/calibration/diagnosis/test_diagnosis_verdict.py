@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from calibration.data.refusals import refuse_at_rest
+from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis import as_json, diagnose
 from calibration.diagnosis.document import set_probability
 from calibration.diagnosis.steps import confirm
@@ -22,7 +22,7 @@ from calibration.diagnosis.steps.confirm import HeldOut, Predicted, cross_valida
 from calibration.diagnosis.steps.detect import _Test
 from calibration.diagnosis.steps.misread import alone_at_an_end
 from calibration.diagnosis.steps.name import log_prior, refusal, weigh
-from calibration.diagnosis.steps.verdict import Verdict, judge, not_excluded, with_open
+from calibration.diagnosis.steps.verdict import Verdict, VerdictKind, judge, not_excluded, with_open
 from calibration.likelihood.compared import Row
 from calibration.likelihood.descent import find
 from calibration.likelihood.signatures import signatures
@@ -165,9 +165,9 @@ def test_no_probability_is_stated_higher_than_such_verdicts_came_true(leaking) -
 
 
 def test_misread_rows_alone_are_said_to_be_the_whole_truth_as_often_as_they_were() -> None:
-    rows = Verdict("named", None, (), 0.999, "single readings that nothing explains")
+    rows = Verdict(VerdictKind.NAMED, None, (), 0.999, "single readings that nothing explains")
     assert set_probability(rows) == pytest.approx(0.6, abs=0.001)
-    assert set_probability(Verdict("consistent", None, (), 0.9, "")) == 0.9
+    assert set_probability(Verdict(VerdictKind.CONSISTENT, None, (), 0.9, "")) == 0.9
 
 
 def test_a_recording_in_which_the_rotor_turns_nowhere_is_refused(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_a_recording_in_which_the_rotor_turns_nowhere_is_refused(tmp_path: Path)
     with pytest.raises(RecordingError, match="speed_rpm shows a rotor at rest in every row, so there is"):
         diagnose(read_recording(tmp_path), 1)
     sweep.write_text("pressure_bar_abs,flow_l_min,speed_rpm\n1.1,0,0\n2.0,72,395\n")
-    refuse_at_rest(read_recording(tmp_path))
+    refuse_unusable(read_recording(tmp_path))
 
 
 def test_the_document_has_the_promised_form(leaking) -> None:

@@ -19,7 +19,7 @@ from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.systems.radial_piston.predict.standing import standing_flow
 from model import layout as at
 from model.effects.effect import State
-from model.effects.laws import members, readings_of
+from model.effects.laws import Chosen, members, readings_of
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
@@ -29,8 +29,6 @@ READINGS = 10.0  # averaged
 STEP = 1e-3  # of a standard normal unknown, for derivatives
 TORQUE_N_M, PRESSURE_PA = 0.01, 200.0  # 1 sd of the instruments listed
 REFERENCES = {"flow": ("flow meter", 0.01), "speed": ("tachometer", 2e-4)}  # and of these, as shares
-
-Chosen = dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.shapes import Along
+from calibration.likelihood.shapes import Along, alike
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
 
-SAME = 0.98  # rank correlation above which two coordinates are one
 UNITS = {"speed": "rad/s", "pressure": "Pa", "flow": "m3/s", "time": "s", "direction": "1", "angle": "rad"}
 
 
@@ -53,16 +52,8 @@ def same_coordinates(comparison: Comparison, mode: Mode, coordinate: str) -> tup
     along = {name: one.plateaus for name, one in coordinates(comparison, mode).items() if name not in parted}
     if coordinate not in along:
         return ()
-    from scipy.stats import rankdata  # takes a third of a second, which most recordings are spared
-
-    mine = rankdata(np.nan_to_num(along[coordinate]))
-    found = []
-    for name, values in along.items():
-        if name == coordinate or np.ptp(np.nan_to_num(values)) == 0.0 or np.ptp(mine) == 0.0:
-            continue
-        if abs(float(np.corrcoef(mine, rankdata(np.nan_to_num(values)))[0, 1])) > SAME:
-            found.append(name)
-    return tuple(found)
+    known = {name: np.nan_to_num(values) for name, values in along.items()}
+    return tuple(name for name in known if name != coordinate and alike(known[coordinate], known[name]))
 
 
 def samples_a_turn(comparison: Comparison, mode: Mode) -> float:

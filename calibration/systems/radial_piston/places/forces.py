@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.likelihood.mode import Mode
-from calibration.likelihood.shapes import Force, hats, spans
+from calibration.likelihood.shapes import Force, first_order, hats, spans
 from calibration.likelihood.signatures import answer
 from calibration.systems.radial_piston.predict.kinds import RUN
 from model import layout as at
@@ -116,10 +116,6 @@ def _rate(column: np.ndarray, time: np.ndarray, J: float, from_rest: bool) -> fl
 
 
 def _follow(force: np.ndarray, time: np.ndarray, J: float, rate: float, first: np.ndarray) -> np.ndarray:
-    out = np.empty_like(force)
-    x, before = first, time[0] - (time[1] - time[0])
-    for k in range(time.size):
-        decay = math.exp(-rate * (time[k] - before))
-        x = x * decay - force[k] / (J * rate) * (1.0 - decay)
-        out[k], before = x, time[k]
-    return out
+    """What a torque does to a rotor that forgets it at a rate [rad/s], shape (n, k). `force`, shape (n, k): [N m]."""
+    keeps = np.array([math.exp(-rate * step) for step in np.diff(time, prepend=time[0] - (time[1] - time[0]))])
+    return first_order(force / (J * rate) * (1.0 - keeps)[:, None], keeps, first)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.predict.problem import Problem
-from calibration.unknowns.priors import column_of
+from calibration.unknowns.priors import figures_of
 
 OF_THE_MOTOR = ("port_lap", "roller_friction", "f_overall", "inertia")
 
@@ -17,9 +17,8 @@ def of_any_day(problem: Problem) -> set[str]:
     """Nuisances that another day's recording has too: the motor's, and the errors of what has a serial number."""
     found = set(OF_THE_MOTOR)
     for i, one in enumerate(problem.nuisances):
-        channel, _, error = one.name.partition("_")
-        column = column_of(problem.recording, channel) if error in ("offset", "scale") else None
-        if column is not None and problem.recording.channels[column].serial and problem.run_of(i) is None:
+        figures = figures_of(problem.recording, one)
+        if figures is not None and figures.serial and problem.run_of(i) is None:
             found.add(one.name)
     return found
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from calibration.data.blocks import Vented
 from model.effects.effect import unknown_state
-from model.effects.laws import behind_the_gauge, readings_of
-
-Chosen = Mapping[str, Mapping[str, float]]
+from model.effects.laws import Chosen, behind_the_gauge, readings_of
 
 
 def true_pressure(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from calibration.work.threads import each
 from model.effects import averaged, effects
 from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
+from model.effects.laws import Chosen
 from model.geometry import pulse_angle
 from model.motor import Motor
 from model.solvers import steady as base_steady
@@ -36,7 +37,6 @@ NANOSECONDS = 9  # digits of a time
 LEAST_TURN = 1e-9  # rad from sample to sample, so that the angle is never twice the same
 SLOWEST = 1.0  # rad/s; below it the swing is not taken to grow
 
-Chosen = Mapping[str, Mapping[str, float]]
 
 _recent = Recent(32)
 

@@ -18,6 +18,7 @@ import numpy as np
 from calibration.data.blocks import Blocks, Vented, blocks_of
 from calibration.data.clock import needs_clock
 from calibration.data.runs import RunInTime
+from calibration.likelihood import compared
 from calibration.systems.radial_piston.predict import gauge, in_time, wheel
 from calibration.systems.radial_piston.predict.nuisances import (
     BEGUN,
@@ -30,21 +31,18 @@ from calibration.systems.radial_piston.predict.nuisances import (
 )
 from calibration.systems.radial_piston.predict.standing import standing_flow
 from calibration.systems.radial_piston.predict.supply import Course
-from calibration.unknowns.effects import all_searched
-from calibration.unknowns.priors import CHANNELS, Error, OfInstrument, OfRun, Unknown, at_ambient, column_of
+from calibration.unknowns.priors import CHANNELS, Error, OfInstrument, OfRun, at_ambient, column_of
 from model import layout as at
 from model.effects import effects
 from model.effects import steady as effect_steady
-from model.effects.effect import Effect, EffectParameter, State, unknown_state
-from model.effects.laws import readings_of
+from model.effects.effect import Effect, State, unknown_state
+from model.effects.laws import Chosen, readings_of
 from model.effects.neighbourhood import Neighbourhood
 from model.geometry import pulse_angle
 from model.motor import Motor, read_motor
 from model.solvers import steady as base_steady
 from rig.recording import Recording, RecordingError
 from rig.recording.columns import OF_CHANNEL
-
-FARTHEST = 9.0  # sds of a nuisance from the middle of its prior
 
 
 @dataclass(frozen=True)
@@ -70,20 +68,18 @@ class Prediction:
     state: State
 
 
-class Problem:
+class Problem(compared.Problem):
     """A recording, its motor, and every nuisance.
 
     `motor`: the motor that it names, when left out.
     `any_turn`: whether it is held against effects that another recording showed: how the shaft stood in that one is not
         known here, of no run.
-    `given`: values of effects' parameters that are no unknowns, by (effect, parameter) [own unit].
-    `friction`: the nuisance that every machine has: its viscous friction.
     """
 
     friction = "f_overall"
 
     def __init__(self, recording: Recording, motor: Motor | None = None, any_turn: bool = False) -> None:
-        self.given: dict[tuple[str, str], float] = {}
+        self.given = {}
         if motor is None:
             if not recording.is_of_radial_piston:
                 raise RecordingError(f"{recording.folder}: its motor is no radial piston motor")
@@ -131,57 +127,16 @@ class Problem:
         of = None if place is None else self.nuisances[place].of
         return OF_CHANNEL[of.channel].to_si if isinstance(of, OfInstrument) and of.error is Error.OFFSET else 1.0
 
-    def effect(self, name: str) -> Effect:
-        """An effect by its id."""
-        return effects()[name]
-
-    def nuisance_of(self, effect: str, parameter: str) -> str:
-        """The nuisance that an effect has the form of; empty where there is none."""
-        return effects()[effect].nuisance
-
-    def parameter(self, effect: str, name: str) -> EffectParameter:
-        """A parameter of an effect: its bounds and its scale."""
-        return next(one for one in effects()[effect].parameters if one.name == name)
-
-    def amplitude(self, effect: str) -> EffectParameter:
-        """The parameter of an effect that says how large it is."""
-        return effects()[effect].amplitude
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the nuisances [-], each shape (n_nuisances,)."""
-        return np.full(len(self.nuisances), -FARTHEST), np.full(len(self.nuisances), FARTHEST)
-
-    def place(self, name: str) -> int | None:
-        """Where a nuisance stands among the unknowns; None where it is none of this recording."""
-        return next((i for i, unknown in enumerate(self.nuisances) if unknown.name == name), None)
-
     def run_of(self, i: int) -> int | None:
         """The run in time that a nuisance belongs to alone; None where it is of the motor or of an instrument [-]."""
         of = self.nuisances[i].of
         file = of.file if isinstance(of, OfRun) else ""
         return next((k for k, run in enumerate(self.blocks.runs) if run.file == file), None)
 
-    def effect_unknowns(self, names: Sequence[str]) -> list[tuple[str, Unknown]]:
-        """The unknowns of a set of effects, in the order of the set.
-
-        Returns effect id and unknown; its prior is that of `model.effects.EffectParameter`.
-        """
-        return all_searched(names, self.given)
-
-    def chosen(self, names: Sequence[str], z: np.ndarray) -> dict[str, dict[str, float]]:
-        """Values of the effects' parameters."""
-        found: dict[str, dict[str, float]] = {name: {} for name in names}
-        for (name, parameter), value in self.given.items():
-            if name in found:
-                found[name][parameter] = value
-        for (name, unknown), at_z in zip(self.effect_unknowns(names), z, strict=True):
-            found[name][unknown.name] = float(unknown.value(np.asarray(at_z)))
-        return found
-
     def predict(
         self,
         z: np.ndarray,
-        chosen: dict[str, dict[str, float]],
+        chosen: Chosen,
         like: Prediction | None = None,
         runs: Sequence[int] | None = None,
         smooth: bool = False,
@@ -210,7 +165,7 @@ class Problem:
         standing = self._standing(parameters, errors, chosen)
         return Prediction(flow, speed, points.flow_slope, points.speed_slope, found, vented, standing, line, state)
 
-    def neighbourhood(self, z: np.ndarray, chosen: dict[str, dict[str, float]], here: Prediction) -> Neighbourhood:
+    def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: Prediction) -> Neighbourhood:
         """The plateaus close to a point."""
         rows, true = self._plateaus(*self.split(z)[:2], chosen)
         return Neighbourhood(here.state, rows, self._readings, true, self._gas, chosen, self.blocks.plateaus.time)
@@ -237,7 +192,7 @@ class Problem:
         return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, own
 
     def _plateaus(
-        self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
+        self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: Chosen
     ) -> tuple[np.ndarray, np.ndarray]:
         """Parameters and true pressure [Pa] of each plateau."""
         plateaus = self.blocks.plateaus
@@ -245,9 +200,7 @@ class Problem:
         true = gauge.true_pressure(plateaus.pressure, plateaus.is_gauge, parameters[at.P_A], errors["pressure"], chosen)
         return rows, np.clip(true, 3e4, 1.9e6)
 
-    def _standing(
-        self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: dict[str, dict[str, float]]
-    ) -> np.ndarray:
+    def _standing(self, parameters: np.ndarray, errors: dict[str, tuple[float, float]], chosen: Chosen) -> np.ndarray:
         """Flow readings while the rotor stands [m3/s]."""
         standing, P_a = self.blocks.standing, parameters[at.P_A]
         if not standing.flow.size:
@@ -256,7 +209,7 @@ class Problem:
         true = np.where(np.isfinite(true), true, P_a)
         return standing_flow(true, standing.time, self._standing_gas, parameters, errors["flow"], chosen)
 
-    def _vented(self, vented: Vented, split: Split, chosen: dict[str, dict[str, float]]) -> np.ndarray:
+    def _vented(self, vented: Vented, split: Split, chosen: Chosen) -> np.ndarray:
         """What the gauge reads with the line vented [Pa]."""
         parameters, errors, _ = split
         return gauge.vented_readings(vented, errors[VENTED][0], parameters[at.P_A], errors["pressure"], chosen)
@@ -264,7 +217,7 @@ class Problem:
     def _line(
         self,
         split: Split,
-        chosen: dict[str, dict[str, float]],
+        chosen: Chosen,
         like: np.ndarray | None = None,
         runs: Sequence[int] = (),
     ) -> np.ndarray:
@@ -279,9 +232,7 @@ class Problem:
             begin = end
         return np.concatenate(found)
 
-    def gauge_in(
-        self, run: RunInTime, split: Split, chosen: dict[str, dict[str, float]], time: np.ndarray
-    ) -> np.ndarray:
+    def gauge_in(self, run: RunInTime, split: Split, chosen: Chosen, time: np.ndarray) -> np.ndarray:
         """What the gauge reads in a run in time [Pa], shape (n,). `time`, shape (n,): on the run's clock [s]."""
         own, nothing = split[2][run.file], np.zeros(1)
         bottom = self._vented(Vented((run.file,), nothing, nothing, np.array([run.is_gauge])), split, chosen)[0]
@@ -293,7 +244,7 @@ class Problem:
         """What the gauge reads once the open line has settled [Pa]."""
         return next((span.pressure_pa for span in run.valve if span.is_open), math.nan) - own["supply"]
 
-    def plan(self, i: int, split: Split, chosen: dict[str, dict[str, float]]) -> in_time.Plan:
+    def plan(self, i: int, split: Split, chosen: Chosen) -> in_time.Plan:
         """A run in time at a point: its line is as the gauge reads it, freed of the gauge's errors."""
         parameters, errors, own_of = split
         run = self.blocks.runs[i]
@@ -310,7 +261,7 @@ class Problem:
                 turned[name] = dict(turn_on(chosen[name], own[TURN]))
         return in_time.plan(self.motor, run, parameters, line, 0.0, turned, own.get(BEGUN, 0.0), self._lag_s)
 
-    def _read_speed(self, i: int, split: Split, chosen: dict[str, dict[str, float]], smooth: bool) -> np.ndarray:
+    def _read_speed(self, i: int, split: Split, chosen: Chosen, smooth: bool) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]
         planned = self.plan(i, split, chosen)
         pulses = None if smooth else self.pulses.get(run.file)

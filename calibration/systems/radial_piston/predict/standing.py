@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +10,6 @@ from model import layout as at
 from model.effects import laws
 from model.effects.effect import unknown_state
 
-Chosen = Mapping[str, Mapping[str, float]]
-
 
 def standing_flow(
     pressure: np.ndarray,
@@ -20,7 +17,7 @@ def standing_flow(
     gas_constant: np.ndarray,
     parameters: np.ndarray,
     errors: tuple[float, float],
-    chosen: Chosen,
+    chosen: laws.Chosen,
 ) -> np.ndarray:
     """The flow meter with the rotor held [m3/s], shape (n,).
 

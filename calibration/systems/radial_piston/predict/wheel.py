@@ -18,7 +18,8 @@ from rig.recording import Recording
 
 PITCH_SD = 0.002  # of a tooth's place where nothing is stated, in shares of the pitch
 HARMONICS = (1, 2)  # of the turn
-PARTS = {"cos": np.cos, "sin": np.sin}
+# What a run has for itself of its wheel: of each a harmonic, and which part of it.
+WAVES = {f"wheel_{k}_{name}": (k, part) for k in HARMONICS for name, part in (("cos", np.cos), ("sin", np.sin))}
 
 
 def pitch_sd(recording: Recording) -> float:
@@ -54,25 +55,19 @@ def wheel_unknowns(run: RunInTime, recording: Recording) -> list[Unknown]:
         return []
     sd = pitch_sd(recording) * math.sqrt(2.0 / float(recording.channels["speed_rpm"].pulses_per_rev or 1.0))
     return [
-        unknown_of_run(run.file, f"wheel_{k}_{part}", "rad", "normal", 0.0, sd, "teeth that are off their places")
-        for k in kept
-        for part in PARTS
+        unknown_of_run(run.file, what, "rad", "normal", 0.0, sd, "teeth that are off their places")
+        for what, (k, _) in WAVES.items()
+        if k in kept
     ]
-
-
-def is_of_wheel(what: str) -> bool:
-    """Whether what a run has for itself is of its wheel."""
-    return what.startswith("wheel_")
 
 
 def seen(run: RunInTime, what: str) -> np.ndarray:
     """What a wheel's unknown adds to the samples of a run [rad/s per rad], shape (n,)."""
-    _, k, part = what.split("_")
+    k, part = WAVES[what]
     step = run.time - run.begin
     ends = np.cumsum(run.speed * np.diff(run.time, prepend=run.begin[:1]))  # where a row is missing it turned on
     begins = ends - run.speed * step
-    off = PARTS[part]
-    found: np.ndarray = (off(int(k) * ends) - off(int(k) * begins)) / step
+    found: np.ndarray = (part(k * ends) - part(k * begins)) / step
     return found
 
 
@@ -83,6 +78,6 @@ def added(run: RunInTime, own: Mapping[str, float]) -> np.ndarray:
     """
     found = np.zeros(run.size)
     for what, value in own.items():
-        if what.startswith("wheel_"):
+        if what in WAVES:
             found += value * seen(run, what)
     return found
