@@ -1,6 +1,5 @@
 """Lines that depart from the standard, on the virtual bench: echoes, transaction numbers, busy devices."""
 
-
 import pytest
 
 from rig.bench.bench import bench_of
