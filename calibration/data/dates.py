@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rig.recording import Recording, RecordingError
-from rig.recording.dates import NOT_ISO, parsed
 from rig.recording.mistakes import shown
+from rig.recording.origin import NOT_ISO, parsed
 
 
 def date_of(recording: Recording) -> datetime | None:

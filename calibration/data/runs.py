@@ -126,7 +126,7 @@ def run_of(file: RecordingFile, recording: Recording, pulse_rad: float) -> RunIn
         time, begin, speed, row, scale = _by_pulses(time, begin, speed, row, scale, pulse_rad)
     elif tachometer.noise_sd:
         scale = np.hypot(scale, _asked_late(time, speed, tachometer) / tachometer.noise_sd)
-    used = _useful(speed, time, begin, valve, from_rest)
+    used = _useful(speed, time, valve, from_rest)
     over = float(time[used][-1]) if used.any() else -np.inf
     line = _line(clock, pressure, valve, noise, over)
     return RunInTime(
@@ -189,9 +189,7 @@ def _by_pulses(
     return time[ends], begin[starts], mean, row[ends], scale[ends] / np.sqrt(count)
 
 
-def _useful(
-    speed: np.ndarray, time: np.ndarray, begin: np.ndarray, valve: Sequence[Supply], from_rest: bool
-) -> np.ndarray:
+def _useful(speed: np.ndarray, time: np.ndarray, valve: Sequence[Supply], from_rest: bool) -> np.ndarray:
     used = np.ones(speed.size, dtype=bool)
     used[:1] = False  # in a log that was cut the first is no mean of anything that is there
     if not speed.size:

@@ -8,7 +8,7 @@ rename), each with the state of the random numbers: a fit that is killed goes on
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from numbers import Integral
 from pathlib import Path
@@ -147,70 +147,82 @@ def sample(
     store = Store(folder, fingerprint)
     blocks = store.blocks()
     tell = progress or (lambda done, wanted, words: None)
-    walkers = max(settings.walkers, 2 * n_unknowns + 2)
     if not blocks:
         tell(0, settings.effective_samples, "finding the peak")
-        blocks = [_start(log_prob, n_unknowns, walkers, settings.seed, begun)]
+        blocks = [_start(log_prob, n_unknowns, settings, begun)]
         store.write(0, blocks[0])
-    states = [_restored(blocks[-1], e) for e in range(len(blocks[-1]["coords"]))]
-
-    fixed = begun.moves if begun else None
-    shape: Shape = Plain() if fixed else _mapped(blocks[0]["population"], factors)
-    warm_up = 0 if fixed else settings.warm_up_blocks
-    most_blocks = warm_up + -(-settings.most_steps // settings.block)
+    way = _Way(begun, factors, settings, blocks[0]["population"])
+    most_blocks = way.warm_up + -(-settings.most_steps // settings.block)
     chain = None
     for number in range(1, most_blocks + 1):
-        if not fixed and (1 < number <= settings.warm_up_blocks + 1 or number == warm_up + 1):
-            shape = _adapted(blocks[:number], factors)
+        way.straighten(blocks[:number])
         if number == len(blocks):
-            states, block = _advance(log_prob, states, shape, fixed or moves.mixture, settings.block)
-            blocks.append(block)
-            store.write(number, block)
-        kept = number - warm_up
+            blocks.append(_advance(log_prob, blocks[-1], way.shape, way.moves, settings.block))
+            store.write(number, blocks[-1])
+        kept = number - way.warm_up
         if kept <= 0:
             tell(0, settings.effective_samples, "warm-up")
             continue
-        if kept % max(1, kept // LOOKS) and kept != warm_up and number < most_blocks:
+        if kept % max(1, kept // LOOKS) and kept != way.warm_up and number < most_blocks:
             continue
-        chain = _assess(blocks[warm_up + 1 : number + 1], settings, number, time.monotonic() - started)
+        chain = _assess(blocks[way.warm_up + 1 : number + 1], settings, number, time.monotonic() - started)
         if chain.converged:
             break
-        if begun and begun.again and not warm_up and chain.tau.max() > HELD:
-            warm_up, fixed = number, begun.again(chain.flat())
-            tell(0, settings.effective_samples, "a walker is held, its place is taken up")
-        elif (
-            not fixed
-            and kept == warm_up
-            and _too_slow(chain, settings)
-            and 2 * warm_up <= LONGEST_WARM_UP * settings.warm_up_blocks
-        ):
-            warm_up = number
-            tell(0, settings.effective_samples, "warm-up, longer")
-        else:
-            tell(int(chain.effective.min()), settings.effective_samples, f"R-hat {chain.rhat.max():.3f}")
+        tell(*way.goes_on(chain, number))
     if chain is None:
         raise ValueError(f"a budget of {settings.most_steps} steps after the warm-up keeps nothing")
     return chain
 
 
-def _too_slow(chain: Chain, settings: Settings) -> bool:
-    """Whether a chain as long as its warm-up needs more than as much again: its map does not reach some of the mass.
+class _Way:
+    """How a chain is drawn: its moves, the coordinates that they are taken in, and how many blocks are warm-up.
 
-    The decision looks at the chain alone, never at the budget, so that a chain goes on the same with a larger one.
+    What it decides hangs on the chain alone, never on the budget, so that a chain goes on the same with a larger one.
+
+    `population`, shape (n, n_unknowns): points that the first coordinates are fitted to [-].
     """
-    return bool((settings.times_tau + DISCARD_TAU) * chain.tau.max() > 2 * chain.drawn)
+
+    def __init__(self, begun: Begun | None, factors: Factors, settings: Settings, population: np.ndarray) -> None:
+        fixed = begun.moves if begun else None
+        self.factors, self.settings = factors, settings
+        self.again = begun.again if begun else None
+        self.is_fixed = fixed is not None
+        self.moves: Moves = fixed or moves.mixture
+        self.shape: Shape = Plain() if fixed else _mapped(population, factors)
+        self.warm_up = 0 if fixed else settings.warm_up_blocks
+
+    def straighten(self, blocks: list[dict[str, np.ndarray]]) -> None:
+        """Fit the coordinates to the blocks so far, while they are warm-up."""
+        number = len(blocks)
+        if not self.is_fixed and (1 < number <= self.settings.warm_up_blocks + 1 or number == self.warm_up + 1):
+            self.shape = _adapted(blocks, self.factors)
+
+    def goes_on(self, chain: Chain, number: int) -> tuple[int, int, str]:
+        """What to tell of a chain that is not long enough after ``number`` blocks; it may all become warm-up."""
+        wanted = self.settings.effective_samples
+        if self.again and not self.warm_up and chain.tau.max() > HELD:
+            self.warm_up, self.moves = number, self.again(chain.flat())
+            return 0, wanted, "a walker is held, its place is taken up"
+        longer = 2 * self.warm_up <= LONGEST_WARM_UP * self.settings.warm_up_blocks
+        if not self.is_fixed and number == 2 * self.warm_up and longer and self._is_too_slow(chain):
+            self.warm_up = number
+            return 0, wanted, "warm-up, longer"
+        return int(chain.effective.min()), wanted, f"R-hat {chain.rhat.max():.3f}"
+
+    def _is_too_slow(self, chain: Chain) -> bool:
+        """Whether a chain as long as its warm-up needs more than as much again: its map misses some of the mass."""
+        return bool((self.settings.times_tau + DISCARD_TAU) * chain.tau.max() > 2 * chain.drawn)
 
 
-def _start(
-    log_prob: BatchLogProb, n_unknowns: int, walkers: int, seed: int, begun: Begun | None
-) -> dict[str, np.ndarray]:
+def _start(log_prob: BatchLogProb, n_unknowns: int, settings: Settings, begun: Begun | None) -> dict[str, np.ndarray]:
     """Block 0: the ensembles at their start, and the scattered points that the first map is fitted to.
 
     Walkers that do not look at each other move as one ensemble, which takes less time.
     """
     import emcee  # as in `calibration.fit.moves`
 
-    rng, wanted = np.random.default_rng(seed), ENSEMBLES * walkers
+    walkers = max(settings.walkers, 2 * n_unknowns + 2)
+    rng, wanted = np.random.default_rng(settings.seed), ENSEMBLES * walkers
     together = ENSEMBLES if begun and begun.moves else 1
     if begun is None:
         points, values = _about_the_peak(log_prob, n_unknowns, wanted, rng)
@@ -245,9 +257,9 @@ def _about_the_peak(
 
 
 def _advance(
-    log_prob: BatchLogProb, states: list[emcee.State], shape: Shape, chosen: Moves, steps: int
-) -> tuple[list[emcee.State], dict[str, np.ndarray]]:
-    """One block of steps of every ensemble, taken in the straightened coordinates."""
+    log_prob: BatchLogProb, before: dict[str, np.ndarray], shape: Shape, chosen: Moves, steps: int
+) -> dict[str, np.ndarray]:
+    """The next block: steps of every ensemble from where the block before ends, in the straightened coordinates."""
     import emcee
 
     interrupted = False
@@ -266,7 +278,7 @@ def _advance(
         return found
 
     after, chains, accepted = [], [], []
-    for state in states:
+    for state in _ends_of(before):
         walkers, n = state.coords.shape
         sampler = emcee.EnsembleSampler(walkers, n, straightened, vectorize=True, moves=chosen())
         coords = shape.pull(state.coords)
@@ -279,7 +291,7 @@ def _advance(
         after.append(emcee.State(coords, log_prob=end.log_prob - log_volume, random_state=end.random_state))
         chains.append(shape.push(sampler.get_chain(flat=True))[0].reshape(steps, walkers, n))
         accepted.append(np.mean(sampler.acceptance_fraction))
-    return after, _packed(after, np.array(chains), np.array(accepted))
+    return _packed(after, np.array(chains), np.array(accepted))
 
 
 def _adapted(blocks: list[dict[str, np.ndarray]], factors: Factors) -> TransportMap:
@@ -356,9 +368,12 @@ def _packed(states: list[emcee.State], chain: np.ndarray, acceptance: np.ndarray
     }
 
 
-def _restored(block: dict[str, np.ndarray], e: int) -> emcee.State:
+def _ends_of(block: dict[str, np.ndarray]) -> Iterator[emcee.State]:
+    """Where each ensemble stands at the end of a block."""
     import emcee
 
-    position, has_gauss = (int(value) for value in block["position"][e])
-    random_state = ("MT19937", block["key"][e], position, has_gauss, float(block["gauss"][e]))
-    return emcee.State(block["coords"][e], log_prob=block["log_prob"][e], random_state=random_state)
+    for coords, log_prob, key, (position, has_gauss), gauss in zip(
+        *(block[name] for name in ("coords", "log_prob", "key", "position", "gauss")), strict=True
+    ):
+        random_state = ("MT19937", key, int(position), int(has_gauss), float(gauss))
+        yield emcee.State(coords, log_prob=log_prob, random_state=random_state)

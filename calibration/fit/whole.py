@@ -114,15 +114,12 @@ def fit(
         side_by_side.begin(["calibration.fit.integrated"])
         with threads(workers):
             stand_in, drawn = _stand_in(target, rng, settings, tell)
-        shape = sampling.mapped(drawn, target.factors)
 
         def log_prob(z: np.ndarray) -> np.ndarray:
             chunks = np.array_split(z, min(workers, max(len(z), 1)))
             return np.concatenate(side_by_side(log_prob_of, [(target, chunk) for chunk in chunks]))
 
-        begin = Begun(
-            _start_points(target, drawn.flat(), rng), lambda: moves.delayed(stand_in.log_prob, shape, drawn.flat())
-        )
+        begin = _begun(target, stand_in, drawn, rng)
         chosen = dataclasses.replace(
             settings, walkers=WALKERS, block=BLOCK, times_tau=min(settings.times_tau, TIMES_TAU)
         )
@@ -139,9 +136,12 @@ def fit(
     return WholeFit(tuple(recordings), target.comparison, mode, target, result, chosen, mode.names, bands)
 
 
-def _start_points(target: Integrated, flat: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _begun(target: Integrated, stand_in: Surrogate, drawn: sampling.Chain, rng: np.random.Generator) -> Begun:
+    """Draws of the stand-in to begin at, and the moves by which it proposes."""
+    flat, shape = drawn.flat(), sampling.mapped(drawn, target.factors)
     count = 2 * sampling.ENSEMBLES * max(WALKERS, 2 * len(target.unknowns) + 2)
-    return flat[rng.choice(len(flat), count, replace=False)]
+    begin = flat[rng.choice(len(flat), count, replace=False)]
+    return Begun(begin, lambda: moves.delayed(stand_in.log_prob, shape, flat))
 
 
 def _stand_in(

@@ -15,8 +15,8 @@ from rig.exchange.binary.columns import WAVEFORM_TIME
 from rig.exchange.units import unit_of
 from rig.recording.columns import MEASURED, NAMES, nearest
 from rig.recording.contents import Kind
-from rig.recording.dates import mistake_in
 from rig.recording.mistakes import shown
+from rig.recording.origin import mistake_in
 from rig.recording.schema import Air, NotNegative, OriginTable, Positive
 from rig.runlog.folder import RunError
 

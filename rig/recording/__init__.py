@@ -10,8 +10,7 @@ docs/recording.md tells a person how to write one.
     schema      recording.toml, key by key, the inline motors included
     header      the first line of a CSV file, and what each kind of file has to hold
     table       the rows of a CSV file, in bounded memory: its lines, and the cells of a column
-    dates       when it was taken, in ISO 8601
-    origin      of which run it is
+    origin      when it was taken, and of which run it is
     mistakes    so that one error names them all
     safe_text   what came from outside, fit for a spreadsheet or for JSON
     files       a file is written whole or not at all; JSON

@@ -16,10 +16,10 @@ import numpy as np
 from configs import ConfigError, read_toml, validate
 from rig.recording.columns import MEASURED, NAMES, PRESSURE, siblings
 from rig.recording.contents import Ambient, Channel, Recording, RecordingError, RecordingFile, SupplyFigures
-from rig.recording.dates import NOT_ISO, parsed
 from rig.recording.folder import RefusedError, check_plain, inside, open_plain
 from rig.recording.header import needed_columns, unknown_warning
 from rig.recording.mistakes import Mistakes, shown
+from rig.recording.origin import NOT_ISO, parsed
 from rig.recording.schema import (
     FileTable,
     RecordingTable,

@@ -47,8 +47,8 @@ def capture_course(
 ) -> Course:
     """What a capture goes through: a single run in time, plateaus at one level, or the vented zero.
 
-    `plateaus`: how often the level is read, where plateaus are asked for [-].
     `level_bar_abs`: absolute pressure [bar]; the bench file's capture level, or its highest level, when left out.
+    `plateaus`: how often the level is read, where plateaus are asked for [-].
     Raises CaptureError when the bench cannot resolve it.
     """
     if kind not in capture.CAPTURE_KINDS:

@@ -42,7 +42,7 @@ def sheet(
     """A sheet for a bench that a person reads: to be printed, or entered once it is filled in."""
     from rig.bench.bench import bench_path, read_bench
     from rig.by_hand.sheet_entry import SheetError
-    from rig.recording.dates import mistake_in
+    from rig.recording.origin import mistake_in
     from rig.run.running import enter
     from rig.sweep.ambient import Given
 

@@ -118,8 +118,7 @@ def test_the_docstring_s_parameters_are_those_of_the_signature_in_its_order():
     wrong = {}
     for name, function in FUNCTIONS.items():
         told, theirs = documented(function), signature_names(function)
-        in_order = name.split(".")[0] != "rig" or SECTION.search(inspect.getdoc(function) or "")
-        if told != [one for one in (theirs if in_order else told) if one in told and one in theirs]:
+        if told != [one for one in theirs if one in told]:
             wrong[name] = told
     assert wrong == {}
 

@@ -29,9 +29,8 @@ from calibration.report.diagnosis.page import JSON
 from calibration.report.diagnosis.words import effect_in_words
 from calibration.report.units import powers
 from model.effects.library import effects
-from rig.recording.dates import parsed
 from rig.recording.mistakes import shown
-from rig.recording.origin import run_and_bench
+from rig.recording.origin import parsed, run_and_bench
 
 FALSE_NAME, FALSE_ALARM = "false name", "false alarm"
 SCORES = {

@@ -17,7 +17,7 @@ from calibration.report.style import png
 from calibration.report.units import CAUTION, on_an_axis, promise_in_short
 from calibration.unknowns.effects import changed, is_change, unchanged
 from model.effects import effects
-from rig.recording.dates import parsed
+from rig.recording.origin import parsed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,7 +20,7 @@ from calibration.report.units import on_an_axis
 from calibration.work import many_table
 from calibration.work.trend import Line, line_through
 from model.effects import effects
-from rig.recording.dates import parsed
+from rig.recording.origin import parsed
 
 CSV, PNG = "trend.csv", "trend.png"
 F_OVERALL = "f_overall"

@@ -23,7 +23,7 @@ from calibration.report.units import CAUTION, FAMILIAR, how_taken, on_an_axis, p
 from model.effects import effects
 from model.effects.effect import EffectParameter
 from rig.recording.columns import IN_SI
-from rig.recording.dates import parsed
+from rig.recording.origin import parsed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -81,8 +81,7 @@ class Likelihood:
         resolution = np.array([channel.resolution if channel else 0.0 for channel in channels])
         share = bad if bad is not None else (BAD if len(rows) >= FEW_ROWS else 0.0)
         self._told = (noise_sd, resolution, share)
-        self._steady = _arrays(rows)
-        self._zero = _arrays(measured.zero)
+        self._steady, self._zero = _arrays(rows), _arrays(measured.zero)
         self.not_converged = 0
 
     def values(self, z: np.ndarray) -> np.ndarray:
@@ -107,7 +106,7 @@ class Likelihood:
         if inside.any():
             out = self.predict(parameters[inside], errors[inside], self.chosen(z[inside]))
             found = np.empty(out.shape[0])
-            sum_rows(out, errors[inside], *self._told, *self._steady, found)
+            sum_rows(out, errors[inside], *self._told, *self._steady[:3], found)
             self._add_zero_rows(parameters[inside], errors[inside], found)
             failed = np.any(out[..., steady.STATUS] == steady.NOT_CONVERGED, axis=1) | ~np.isfinite(found)
             self.not_converged += int(failed.sum())
@@ -143,7 +142,7 @@ class Likelihood:
         result = np.full(len(z), -np.inf)
         if inside.any():
             found = np.empty(int(inside.sum()))
-            sum_rows_by(x[inside], polynomials.coefficients, errors[inside], *self._told, *self._steady, found)
+            sum_rows_by(x[inside], polynomials.coefficients, errors[inside], *self._told, *self._steady[:3], found)
             self._add_zero_rows(parameters[inside], errors[inside], found)
             result[inside] = found - 0.5 * np.sum(z[inside] ** 2, axis=1)
         return result
@@ -160,7 +159,7 @@ class Likelihood:
         parameters, errors, _ = self._split(z)
         out = self.predict(parameters, errors, self.chosen(z))
         found = np.zeros((len(self.measured.steady), 3))
-        bad_rows(out, errors, *self._told, *self._steady, found)
+        bad_rows(out, errors, *self._told, *self._steady[:3], found)
         return found / len(z)
 
     def predict(self, parameters: np.ndarray, errors: np.ndarray, chosen: Sequence[Chosen] = ()) -> np.ndarray:
@@ -242,12 +241,12 @@ def _moves_plateaus(of: OfInstrument | OfEffect | OfRun | None) -> bool:
 
 
 def _arrays(rows: Rows) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Readings (n, 3), states (n, 3), is_gauge (n,) and noise scale (n,), contiguous for the compiled loops."""
+    """Readings (n, 3), states (n, 3), noise scale (n,) and is_gauge (n,), contiguous for the compiled loops."""
     readings = np.column_stack([rows.pressure, rows.flow, rows.speed])
     states = np.column_stack([rows.pressure_state, rows.flow_state, rows.speed_state])
     return (
         np.ascontiguousarray(readings, dtype=np.float64),
         np.ascontiguousarray(states, dtype=np.int64),
-        np.ascontiguousarray(rows.is_gauge, dtype=np.bool_),
         np.ascontiguousarray(rows.noise_scale, dtype=np.float64),
+        np.ascontiguousarray(rows.is_gauge, dtype=np.bool_),
     )

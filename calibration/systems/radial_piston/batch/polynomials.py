@@ -62,7 +62,6 @@ def sum_rows_by(
     bad_share: float,
     reading: np.ndarray,
     state: np.ndarray,
-    is_gauge: np.ndarray,
     noise_scale: np.ndarray,
     found: np.ndarray,
 ) -> None:

@@ -112,7 +112,6 @@ def sum_rows(
     bad_share: float,
     reading: np.ndarray,
     state: np.ndarray,
-    is_gauge: np.ndarray,
     noise_scale: np.ndarray,
     found: np.ndarray,
 ) -> None:
@@ -149,7 +148,6 @@ def bad_rows(
     bad_share: float,
     reading: np.ndarray,
     state: np.ndarray,
-    is_gauge: np.ndarray,
     noise_scale: np.ndarray,
     found: np.ndarray,
 ) -> None:
@@ -175,8 +173,8 @@ def add_zero_rows(
     resolution: np.ndarray,
     reading: np.ndarray,
     state: np.ndarray,
-    is_gauge: np.ndarray,
     noise_scale: np.ndarray,
+    is_gauge: np.ndarray,
     found: np.ndarray,
 ) -> None:
     """Adds the log likelihood of vented rows with the rotor at rest: they show the instruments' offsets."""
