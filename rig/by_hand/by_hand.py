@@ -35,7 +35,7 @@ def on_the_dial(bench: Bench, level_bar_abs: float, ambient_bar: float) -> str:
     if face is None or not is_other_unit(name, face):
         return ""
     bar = level_bar_abs - (ambient_bar if name.endswith("_gauge") else 0.0)
-    return f"{bar / factor(name, face):.4g} {unit_on_face(name, face)}"
+    return f"{float(f'{bar / factor(name, face):.4g}'):g} {unit_on_face(name, face)}"
 
 
 def is_manual(bench: Bench) -> bool:

@@ -131,7 +131,7 @@ def doubt_of_pressure(value: Value | None, added_bar: float, near_bar: float, li
         limit = f"the bench's limit of {limit_bar:g} bar abs"
         return f"a pressure of {_said(value)} bar is beyond {limit}; if it is so, close the valve"
     if abs(bar_abs - near_bar) > DOUBT_BAR:
-        return f"{bar_abs:.3f} bar abs was typed where {near_bar:g} was expected"
+        return f"that is {bar_abs:.3f} bar abs, where {near_bar:g} was expected"
     return ""
 
 

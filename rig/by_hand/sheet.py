@@ -22,7 +22,7 @@ def sheet_columns(bench: Bench) -> dict[str, str]:
     faces = faces_of(bench)
     pressure = bench.file.roles.pressure.partition(".")[2]
     names = ["time", "level_bar_abs", "direction", *faces, f"{pressure}_after", "note"]
-    units = {name: f" [{face.unit}]" for name, face in faces.items() if is_other_unit(name, face)}
+    units = {name: f" [{unit_on_face(name, face)}]" for name, face in faces.items() if is_other_unit(name, face)}
     return {name: name + units.get(name.removesuffix("_after"), "") for name in names}
 
 

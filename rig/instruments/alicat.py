@@ -30,13 +30,8 @@ if TYPE_CHECKING:
 
 OVER_RANGE_WORDS = ("MOV", "VOV", "POV", "TOV", "OVR")  # mass, volume, pressure, temperature, totalizer
 FAULT_WORDS = ("ADC", "EXH")  # converter error; exhausting instead of controlling
-NOTE_WORDS = (
-    "HLD",
-    "LCK",
-    "TMF",
-    "OPL",
-    "P2O",
-)  # display held, locked; total lost, pressure limited, 2nd pressure beyond
+# Display held, locked; total lost, pressure limited, second pressure beyond.
+NOTE_WORDS = ("HLD", "LCK", "TMF", "OPL", "P2O")
 WORD = re.compile(r"[A-Z][A-Z0-9]{1,3}")
 NO_NUMBER = re.compile(r"[+-]?-+(\.-+)?")
 # Which quantity an over-range flag speaks of, by the beginning of the channel's name.

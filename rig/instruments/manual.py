@@ -30,12 +30,13 @@ NOT_READ = "-"
 MOST_CHARACTERS = 200
 MOST_ATTEMPTS = 5  # then the poll fails, and the sweep decides what becomes of the plateau
 PATIENCE_S = 600.0
-# Of the columns whose unit is known: what they are called, their unit, and what else may stand on the face.
-FACES = {
-    "pressure_bar_abs": ("pressure", "bar", IN_BAR),
-    "pressure_bar_gauge": ("pressure", "bar", IN_BAR),
-    "flow_l_min": ("flow", "L/min", IN_L_MIN),
-    "speed_rpm": ("speed", "rpm", IN_RPM),
+# By the end of a column's name: its unit, from where it counts, and what else may stand on the face.
+FACES: dict[str, tuple[str, str, Mapping[str, float]]] = {
+    "_bar_abs": ("bar", " abs", IN_BAR),
+    "_bar_gauge": ("bar", " gauge", IN_BAR),
+    "_l_min": ("L/min", "", IN_L_MIN),
+    "_rpm": ("rpm", "", IN_RPM),
+    "_c": ("degC", "", {"degC": 1.0}),
 }
 IN_THE_UNIT = ("lowest", "highest", "noise_sd", "bias_sd", "drift_sd", "resolution", "repeatability_sd")
 
@@ -61,9 +62,9 @@ class Settings(InstrumentFile):
     def units_become_those_of_the_columns(self) -> Settings:
         """Refuse a unit that the column's cannot be made of."""
         mistakes = [
-            f"channels.{name}.unit: '{channel.unit}' is not known for {name}: one of {', '.join(FACES[name][2])}"
+            f"channels.{name}.unit: '{channel.unit}' is not known for {name}: one of {', '.join(FACES[end][2])}"
             for name, channel in self.channels.items()
-            if name in FACES and channel.unit not in FACES[name][2]
+            if (end := _end_of(name)) and channel.unit not in FACES[end][2]
         ]
         if mistakes:
             raise ValueError("\n".join(mistakes))
@@ -97,23 +98,29 @@ def asked(name: str, channel: ChannelFile) -> str:
 
 def quantity(name: str) -> str:
     """What a column is called."""
-    return FACES[name][0] if name in FACES else name
+    return name.removesuffix(_end_of(name)).replace("_", " ")
 
 
 def unit_on_face(name: str, channel: ChannelFile) -> str:
     """The unit on an instrument's face, and for a pressure from where it counts."""
-    of = {"pressure_bar_abs": " abs", "pressure_bar_gauge": " gauge"}.get(name, "")
-    return channel.unit + of
+    end = _end_of(name)
+    return channel.unit + (FACES[end][1] if end else "")
 
 
 def is_other_unit(name: str, channel: ChannelFile) -> bool:
     """Whether another unit than the column's stands on the face."""
-    return name in FACES and channel.unit != FACES[name][1]
+    end = _end_of(name)
+    return bool(end) and channel.unit != FACES[end][0]
 
 
 def factor(name: str, channel: ChannelFile) -> float:
     """What one of the face's unit is in the column's."""
-    return FACES[name][2][channel.unit] if name in FACES else 1.0
+    end = _end_of(name)
+    return FACES[end][2][channel.unit] if end else 1.0
+
+
+def _end_of(name: str) -> str:
+    return next((end for end in FACES if name.endswith(end)), "")
 
 
 def _in_unit_of_column(name: str, channel: ChannelFile) -> ChannelFile:
@@ -122,7 +129,7 @@ def _in_unit_of_column(name: str, channel: ChannelFile) -> ChannelFile:
         return channel
     figures = {key: getattr(channel, key) for key in IN_THE_UNIT}
     made = {key: value * factor(name, channel) for key, value in figures.items() if value is not None}
-    return channel.model_copy(update={"unit": FACES[name][1], **made})
+    return channel.model_copy(update={"unit": FACES[_end_of(name)][0], **made})
 
 
 def _value(word: str, name: str, channel: ChannelFile) -> Value:
@@ -162,7 +169,8 @@ class ManualEntry:
         self.settings = settings
         self.faces = {name: settings.channels[name] for name in settings.columns}
         self.channels = {name: _in_unit_of_column(name, channel) for name, channel in self.faces.items()}
-        self._logged = ", ".join(f"{name} [{channel.unit}]" for name, channel in self.faces.items())  # as it ever was
+        # The log and the line show the columns' names.
+        self._logged = ", ".join(f"{name} [{channel.unit}]" for name, channel in self.faces.items())
         self._stream = Stream(cut_lines(b"\n", MOST_REPLY_BYTES))
         self._waiting: list[bytes] = []
 

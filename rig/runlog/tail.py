@@ -92,20 +92,26 @@ class Shown:
 
 
 class _Lines:
-    """The whole lines that a growing file has more than at the last look, with their numbers."""
+    """The whole lines that a growing file has more than those that were taken, with their numbers."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._number, self._end = path, 0, 0
+        self._next = (0, 0)
 
     def block(self) -> list[tuple[int, bytes]]:
         """Some more, a quarter of a megabyte at most or one line; empty where there are none."""
-        found, begin = [], self._end
-        for number, line in whole_lines(self.path, self._number, begin):
+        found, end = [], self._end
+        for number, line in whole_lines(self.path, self._number, end):
             found.append((number, line))
-            self._number, self._end = number, self._end + len(line) + 1
-            if self._end - begin >= BLOCK_BYTES:
+            end += len(line) + 1
+            self._next = number, end
+            if end - self._end >= BLOCK_BYTES:
                 break
         return found
+
+    def taken(self) -> None:
+        """Go on behind the last block: a block that is refused is refused at every look."""
+        self._number, self._end = self._next
 
 
 class Tail:
@@ -180,8 +186,9 @@ class Tail:
         if not self._rows and (lines := self._row_lines.block()):
             columns = columns_of(lines, self._row_lines.path, self._exchange)
             count = len(columns["n"])
+            self._rows.extend([reading_of(columns, row) for row in range(count)])
             self._exchange = int(columns["exchange"][-1]) if count else 1
-            self._rows.extend(reading_of(columns, row) for row in range(count))
+            self._row_lines.taken()
         return self._rows
 
     def _sample(self, reading: Reading) -> None:
@@ -210,9 +217,9 @@ class Tail:
 
     def _waiting_events(self) -> deque[EventLine]:
         """Events not taken yet; some more are read where there are none."""
-        if not self._new_events:
-            path = self._event_lines.path
-            self._new_events.extend(event_of(data, number, path) for number, data in self._event_lines.block())
+        if not self._new_events and (lines := self._event_lines.block()):
+            self._new_events.extend([event_of(data, number, self._event_lines.path) for number, data in lines])
+            self._event_lines.taken()
         return self._new_events
 
     def _event(self, event: EventLine) -> None:

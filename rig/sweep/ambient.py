@@ -227,7 +227,8 @@ def _number(text: str, figure: _Figure) -> tuple[float | None, str]:
     try:
         typed = float(text.removesuffix(unit).strip()) * units[unit] / figure.factor
     except ValueError:
-        return None, f"'{text[:20]}' is not a number with a decimal point. "
+        with_unit = f", with or without one of {', '.join(units)} behind it" if figure.others else ""
+        return None, f"'{text[:20]}' is not a number with a decimal point{with_unit}. "
     if not math.isfinite(typed) or not figure.low <= typed <= figure.high:
         return None, f"{typed:g} {figure.unit} is not plausible ({figure.low:g} to {figure.high:g}{figure.hint}). "
     return typed * figure.factor, ""

@@ -25,6 +25,7 @@ from model.layout import L_MIN, RPM
 from model.motor import QUANTITIES, read_motor
 from model.solvers import steady
 from rig.recording import read_recording, write_recording
+from rig.recording.columns import OF_CHANNEL
 
 pytestmark = pytest.mark.long
 
@@ -85,7 +86,7 @@ def test_a_null_is_what_the_model_gives_for_its_truth():
     pressure = (levels - truth["pressure_offset"]) / (1.0 + truth["pressure_scale"])
     state = steady.steady(motor, pressure * 1e5)
     for name, exact in (("flow", state.flow_m3_s[0] * L_MIN), ("speed", state.speed_rad_s[0] * RPM)):
-        column = nulls_draw.COLUMN_OF[name]
+        column = OF_CHANNEL[name].column
         figures = recording.channels[column]
         shown = exact * (1.0 + truth[f"{name}_scale"]) + truth[f"{name}_offset"]
         off = (sweep.columns[column].values - shown) / np.hypot(figures.noise_sd, figures.resolution / np.sqrt(12.0))

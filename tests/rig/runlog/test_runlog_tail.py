@@ -115,10 +115,12 @@ def test_whatever_is_refused_of_a_run_is_refused_of_a_run_that_is_followed(tmp_p
     samples.write_bytes(damaged(samples.read_bytes()))
     with pytest.raises(RunError) as of_run:
         read_run(folder)
-    with pytest.raises(RunError) as followed:
-        while Tail(folder).advance():
-            pass
-    assert str(followed.value) == str(of_run.value)
+    tail = Tail(folder)
+    for _ in range(2):
+        with pytest.raises(RunError) as followed:
+            while tail.advance():
+                pass
+        assert str(followed.value) == str(of_run.value)
 
 
 def test_an_event_that_is_not_in_order_is_refused_of_a_run_that_is_followed(tmp_path):
@@ -126,8 +128,10 @@ def test_an_event_that_is_not_in_order_is_refused_of_a_run_that_is_followed(tmp_
     events = folder / "events.jsonl"
     lines = events.read_bytes().splitlines(keepends=True)
     events.write_bytes(b"".join([lines[0], *lines[2:]]))
-    with pytest.raises(RunError, match=r"events\.jsonl, line 2: its number is 3"):
-        Tail(folder).advance()
+    tail = Tail(folder)
+    for _ in range(2):
+        with pytest.raises(RunError, match=r"events\.jsonl, line 2: its number is 3"):
+            tail.advance()
 
 
 def test_the_lock_names_the_program_that_writes(tmp_path):

@@ -301,7 +301,7 @@ def test_a_dial_in_another_unit_is_set_asked_for_and_read_in_that_unit(tmp_path)
         terminal.type("0 <10 0")
         terminal.expect(r"set 1\.600 bar abs = 0\.587 bar gauge = 58\.6[78] kPa gauge on the dial" + r"[^\n]*" + asks)
         terminal.type(dials(1.6).replace("1.60", "0.59", 1))
-        terminal.expect(r"\? 1\.019 bar abs was typed where 1\.6 was expected")  # bar, on a dial in kPa
+        terminal.expect(r"\? that is 1\.019 bar abs, where 1\.6 was expected")  # bar, on a dial in kPa
         terminal.expect(asks)
         terminal.type(dials(1.6).replace("1.60", "59", 1))
         terminal.expect(r"pressure now\? \[kPa gauge\] .*\) ")
@@ -426,7 +426,7 @@ def test_a_zero_that_is_none_is_asked_for_again(tmp_path):
     with session as terminal:
         terminal.expect(ENTRY)
         terminal.type("1.60 44 232")
-        terminal.expect(r"\? 1\.600 bar abs was typed where 1\.01\d* was expected; a speed of 232 rpm is far from")
+        terminal.expect(r"\? that is 1\.600 bar abs, where 1\.01\d* was expected; a speed of 232 rpm is far from")
         terminal.expect(ENTRY)
         terminal.type(ZERO)
         take(terminal, 1.6)

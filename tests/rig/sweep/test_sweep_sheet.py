@@ -162,7 +162,7 @@ def test_the_columns_are_those_of_the_instrument_s_file(bench):
 def test_a_sheet_is_headed_with_the_units_of_the_faces_and_read_in_them(tmp_path):
     bench = dial_in_kpa(tmp_path)
     head = print_sheet(bench).partition("\n")[0]
-    assert "pressure_bar_gauge [kPa],flow_l_min,speed_rpm,pressure_bar_gauge_after [kPa]" in head
+    assert "pressure_bar_gauge [kPa gauge],flow_l_min,speed_rpm,pressure_bar_gauge_after [kPa gauge]" in head
     page = print_page(bench)
     assert "pressure after [kPa gauge]" in page and "dial: 58.6" in page
     (row,) = read_sheet(f"{head}\n14:05,1.6,up,58.7,44,232.3,58.9,\n", bench)
@@ -204,7 +204,7 @@ def test_a_sheet_is_held_to_what_the_prompt_is_held_to_and_all_is_told_at_once(e
     assert "pressure_bar_abs: 0.8 bar is not above the room's 1.009 bar, yet the rotor turns" in lines[2]
     assert "speed_rpm: a speed of 32.8 rpm is far from what was expected" in lines[3]
     assert "--as-read" in lines[3]
-    assert "pressure_bar_abs_after: 1.050 bar abs was typed where 1.85 was expected" in lines[4]
+    assert "pressure_bar_abs_after: that is 1.050 bar abs, where 1.85 was expected" in lines[4]
     assert "speed_rpm: a speed of 20 rpm is far from what was expected, 0 to 0 rpm" in lines[5]
     assert not (tmp_path / "logs").exists()
 
