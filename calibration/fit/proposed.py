@@ -98,7 +98,8 @@ def _begun(likelihood: Likelihood, settings: Settings) -> Begun | None:
 
 
 def _moves(stand_in: BatchLogProb, shape: TransportMap, steps: int, points: np.ndarray) -> sampling.Moves:
-    return partial(moves.delayed, stand_in, shape, points, steps, trusted=True)
+    made = moves.delayed(stand_in, shape, points, steps, trusted=True)
+    return lambda: made
 
 
 def _moved(

@@ -1,8 +1,10 @@
-"""Sampling with emcee: independent ensembles, length decided by the autocorrelation time, a chain that survives a kill.
+"""Sampling with emcee: length decided by the autocorrelation time, a chain that survives a kill.
 
-Walkers of one ensemble are not independent chains, so R-hat is taken between ensembles and the effective sample size is
-the number of samples over the autocorrelation time. Blocks of the chain go to disk as they are made (temporary file and
-rename), each with the state of the random numbers: a fit that is killed goes on from the last block, to the same bits.
+Walkers of one ensemble move by each other's positions, so there are four ensembles, and R-hat is taken between them.
+Walkers that move each by itself are one ensemble, and R-hat is taken between four groups of them. The effective sample
+size is the number of samples over the autocorrelation time. Blocks of the chain go to disk as they are made (temporary
+file and rename), each with the state of the random numbers: a fit that is killed goes on from the last block, to the
+same bits.
 """
 
 from __future__ import annotations
@@ -87,9 +89,10 @@ class Settings:
 class Chain:
     """Samples and what is known of their quality.
 
-    `samples`, shape (n_ensembles, n_steps, n_walkers, n_unknowns): standard normal numbers; burn-in left out.
+    `samples`, shape (4, n_steps, n_walkers, n_unknowns): standard normal numbers, by ensembles or groups of walkers;
+        burn-in left out.
     `tau`, shape (n_unknowns,): integrated autocorrelation time in steps.
-    `rhat`, `effective`, shape (n_unknowns,): Between-ensemble R-hat, and effective sample size.
+    `rhat`, `effective`, shape (n_unknowns,): R-hat between the four, and effective sample size.
     """
 
     samples: np.ndarray
@@ -200,9 +203,10 @@ class _Way:
     def goes_on(self, chain: Chain, number: int) -> tuple[int, int, str]:
         """What to tell of a chain that is not long enough after ``number`` blocks; it may all become warm-up."""
         wanted = self.settings.effective_samples
-        if self.again and not self.warm_up and chain.tau.max() > HELD:
+        tells = chain.drawn >= self.settings.times_tau * HELD
+        if self.again and not self.warm_up and tells and chain.tau.max() > HELD:
             self.warm_up, self.moves = number, self.again(chain.flat())
-            return 0, wanted, "a walker is held, its place is taken up"
+            return 0, wanted, "a walker is held: proposals made anew"
         longer = 2 * self.warm_up <= LONGEST_WARM_UP * self.settings.warm_up_blocks
         if not self.is_fixed and number == 2 * self.warm_up and longer and self._is_too_slow(chain):
             self.warm_up = number

@@ -141,7 +141,8 @@ def _begun(target: Integrated, stand_in: Surrogate, drawn: sampling.Chain, rng: 
     flat, shape = drawn.flat(), sampling.mapped(drawn, target.factors)
     count = 2 * sampling.ENSEMBLES * max(WALKERS, 2 * len(target.unknowns) + 2)
     begin = flat[rng.choice(len(flat), count, replace=False)]
-    return Begun(begin, lambda: moves.delayed(stand_in.log_prob, shape, flat))
+    made = moves.delayed(stand_in.log_prob, shape, flat[:: -(-len(flat) // sampling.MAP_SAMPLES)])
+    return Begun(begin, lambda: made)
 
 
 def _stand_in(

@@ -263,7 +263,7 @@ class Compared(Protocol):
         """Noise of the readings about a prediction, rounding included [SI], shape (m,)."""
 
     def free_in_test(self, mode: Mode) -> np.ndarray:
-        """Factors on a mode's unknowns in the test for a mismatch [-], shape (m,): 1, or more where a prior says less.
+        """Factors on a mode's unknowns in the test for a mismatch [-], shape (n,): 1, or more where a prior says less.
 
         How large an effect is says nothing against the model that holds it.
         """
@@ -306,7 +306,7 @@ class Compared(Protocol):
     def along_valley(
         self, f: Function, z: np.ndarray, tried: np.ndarray, here: Prediction, D: np.ndarray
     ) -> np.ndarray:
-        """A step that follows the curved valley in which the good fits lie [-], shape (m,)."""
+        """A step that follows the curved valley in which the good fits lie [-], shape (n,)."""
         return tried
 
     def known_derivative(self, i: int, z: np.ndarray, raw: np.ndarray, names: Sequence[str]) -> np.ndarray | None:

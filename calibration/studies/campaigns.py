@@ -144,7 +144,9 @@ def _parser(study: Study) -> argparse.ArgumentParser:
     about = study.words.splitlines()[0] if study.words else ""
     parser = argparse.ArgumentParser(prog=f"python -m calibration.studies.{study.name}", description=about)
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the results")
-    parser.add_argument("--first-seed", type=whole_number, default=study.first_seed, help="(%(default)s)")
+    parser.add_argument(
+        "--first-seed", type=whole_number, default=study.first_seed, help="first seed; others follow (%(default)s)"
+    )
     parser.add_argument(
         "--workers", type=whole_number, default=os.cpu_count() or 1, help="processes; 0 for none but this"
     )

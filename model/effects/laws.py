@@ -192,7 +192,7 @@ def readings_of(chosen: Chosen, channel: str, true: np.ndarray, state: State) ->
     """What an instrument reads of a true value, by the set.
 
     `channel`: ``pressure`` [Pa], ``flow`` [m3/s] or ``speed`` [rad/s].
-    `true`, shape (n,): True value [SI].
+    `true`, shape (n,): true value [SI].
     """
     for effect, values in members(chosen):
         if channel in effect.reads:

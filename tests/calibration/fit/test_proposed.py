@@ -53,8 +53,8 @@ def test_a_chain_that_they_begin_needs_few_evaluations_for_a_sample(likelihood, 
     begin = sum(asked)
     chain = proposed.draw(likelihood, FEW)
     assert chain.converged
-    assert chain.tau.max() < 4.0
-    assert sum(asked) - 2 * begin < 8 * chain.effective.min()
+    assert chain.tau.max() < 2.5
+    assert sum(asked) - 2 * begin < 4 * chain.effective.min()
 
 
 @pytest.mark.long

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import emcee
@@ -167,14 +168,16 @@ def test_independent_proposals_into_a_branch_too_sample_what_has_none():
     np.testing.assert_allclose(sd, 1.0, atol=0.02)
 
 
-def test_a_branch_that_holds_walkers_is_taken_up_and_gets_its_share():
-    """One sample in twenty is of the branch; no move reaches it but those that are made anew."""
+def branched(z: np.ndarray) -> np.ndarray:
+    """N(0, I), and beside it one sample in twenty of `aside`."""
+    beside = log_normal(z - [5.0, 1.0, 0.0], 0.0, 0.2).sum(axis=1)
+    found: np.ndarray = np.logaddexp(np.log(0.95) + log_normal(z).sum(axis=1), np.log(0.05) + beside)
+    return found
 
-    def target(z: np.ndarray) -> np.ndarray:
-        beside = log_normal(z - [5.0, 1.0, 0.0], 0.0, 0.2).sum(axis=1)
-        return np.logaddexp(np.log(0.95) + log_normal(z).sum(axis=1), np.log(0.05) + beside)
 
-    rng, asked = np.random.default_rng(14), []
+def of_branched(asked: list[int], folder: Path | None = None, **changed: float) -> sampling.Chain:
+    """A chain whose moves reach the branch no sooner than they are made anew; each time is counted."""
+    rng = np.random.default_rng(14)
     start = np.concatenate([rng.standard_normal((180, 3)), aside(rng, 60)])
 
     def again(points: np.ndarray) -> sampling.Moves:
@@ -183,9 +186,38 @@ def test_a_branch_that_holds_walkers_is_taken_up_and_gets_its_share():
 
     begun = Begun(start, lambda: [(moves.IndependenceMove(), 1.0)], again)
     settings = Settings(seed=5, effective_samples=20_000, most_steps=2000, walkers=48, times_tau=10.0, block=5)
-    chain = sample(target, 3, np.ones_like, settings, begun=begun)
+    return sample(branched, 3, np.ones_like, replace(settings, **changed), folder, begun=begun)
+
+
+def test_a_branch_that_holds_walkers_is_taken_up_and_gets_its_share():
+    asked: list[int] = []
+    chain = of_branched(asked)
     assert chain.converged and len(asked) == 1
     assert np.mean(chain.flat()[:, 0] > 4.0) == pytest.approx(0.05, abs=0.008)
+
+
+def test_a_chain_goes_on_to_the_same_bits_after_a_branch_was_taken_up(tmp_path):
+    asked: list[int] = []
+    assert not of_branched(asked, tmp_path, most_steps=100).converged
+    assert len(asked) == 1
+    assert of_branched(asked, tmp_path).samples.tobytes() == of_branched(asked).samples.tobytes()
+
+
+def test_a_stand_in_that_is_wrong_of_a_branch_changes_nothing_of_what_is_sampled():
+    """It has four times as much there as there is."""
+
+    def wrong(z: np.ndarray) -> np.ndarray:
+        beside = log_normal(z - [5.0, 1.0, 0.0], 0.0, 0.2).sum(axis=1)
+        found: np.ndarray = np.logaddexp(np.log(0.8) + log_normal(z, 0.1, 1.1).sum(axis=1), np.log(0.2) + beside)
+        return found
+
+    rng = np.random.default_rng(15)
+    known = rng.standard_normal((1800, 3))
+    chosen = moves.delayed(wrong, TransportMap(known, np.ones(3)), np.concatenate([known, aside(rng, 200)]))
+    state = emcee.State(known[:96], random_state=np.random.RandomState(9).get_state())
+    sampler = emcee.EnsembleSampler(96, 3, branched, vectorize=True, moves=chosen)
+    sampler.run_mcmc(state, 800)
+    assert np.mean(sampler.get_chain(flat=True, discard=50)[:, 0] > 4.0) == pytest.approx(0.05, abs=0.008)
 
 
 def test_where_a_stand_in_proposes_each_walker_goes_its_own_way():

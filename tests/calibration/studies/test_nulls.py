@@ -17,7 +17,7 @@ from scipy.stats import binom
 from calibration.diagnosis import diagnose
 from calibration.diagnosis.mismatch import detect_mismatch
 from calibration.diagnosis.steps.detect import rarity
-from calibration.studies import nulls_draw, nulls_table
+from calibration.studies import campaigns, nulls_draw, nulls_table
 from calibration.studies.campaigns import OtherCodeError, main, with_same_code
 from calibration.studies.nulls import STUDY, p_of_null
 from calibration.unknowns.priors import at_ambient
@@ -201,6 +201,17 @@ def test_a_worker_with_other_code_gives_no_result():
     assert with_same_code(STUDY.roots, STUDY.code(), len, "four") == 4
     with pytest.raises(OtherCodeError):
         with_same_code(STUDY.roots, "another", len, "four")
+
+
+def test_a_campaign_whose_worker_has_other_code_says_nothing(tmp_path, monkeypatch):
+    given = SimpleNamespace(out=tmp_path, workers=0, scheduler=None, first_seed=SEED)
+    asked = SimpleNamespace(sweeps=1, with_runs=0, noise=["coarse"], first_seed=SEED)
+    items = STUDY.items(asked, STUDY.code())
+    monkeypatch.setattr(campaigns, "imported_sha256", lambda *roots: "another")
+    monkeypatch.setattr(campaigns.Study, "code", lambda study: "ours")
+    with pytest.raises(OtherCodeError, match="the code was changed while"):
+        campaigns.run(STUDY, items, given, lambda *told: None)
+    assert not (tmp_path / "nulls.json").exists()
 
 
 def test_every_null_s_result_is_marked_with_the_code():
