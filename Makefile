@@ -92,7 +92,7 @@ lint: $(STAMP)
 # The two have a core each.
 test: $(STAMP)
 	@$(MAKE) --no-print-directory -j2 lint kernels
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not long"
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not long"
 
 # What whole fits, diagnoses and campaigns take minutes for.
 long: $(STAMP) kernels

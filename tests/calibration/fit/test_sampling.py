@@ -297,10 +297,10 @@ def test_ensembles_in_different_modes_are_reported_as_not_converged(monkeypatch)
     def modes(z: np.ndarray) -> np.ndarray:
         return np.logaddexp.reduce([-0.5 * np.sum((z - c) ** 2, axis=1) / 0.05**2 for c in centres], axis=0)
 
-    def started(log_prob, n_unknowns, walkers, seed, given):
-        coords = centres[:, None, :] + 0.05 * np.random.default_rng(seed).standard_normal((4, walkers, 6))
-        values = modes(coords.reshape(-1, 6)).reshape(4, walkers)
-        block = usual(log_prob, n_unknowns, walkers, seed, given)
+    def started(log_prob, n_unknowns, settings, begun):
+        coords = centres[:, None, :] + 0.05 * np.random.default_rng(settings.seed).standard_normal((4, 16, 6))
+        values = modes(coords.reshape(-1, 6)).reshape(4, 16)
+        block = usual(log_prob, n_unknowns, settings, begun)
         return block | {"coords": coords, "log_prob": values, "population": coords.reshape(-1, 6)}
 
     usual = sampling._start
