@@ -89,7 +89,7 @@ lint: $(STAMP)
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-# The two have a core each.
+# Three processes on two cores: some tests wait for a device.
 test: $(STAMP)
 	@$(MAKE) --no-print-directory -j2 lint kernels
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not long"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 # Before numpy is there. The matrices are small: a second thread of BLAS only waits, and takes a core while it does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # each of the two processes has a core
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # the processes share the cores
 
 import hypothesis
 import pytest
@@ -31,8 +31,8 @@ hypothesis.settings.load_profile("fixed")
 AMBIENT = "[ambient]\npressure_bar_abs = 1.01325\npressure_sd_bar = 0.0015\ntemperature_c = 20.0\n"
 
 
-# Seconds that files take, the longest first: in that order they go, so that the two processes end together. The second
-# has kernels of its own, so that the two do not begin by compiling the same ones. `make quick` leaves these files out.
+# Seconds that files take, the longest first: in that order they go, so that the processes end together. `make quick`
+# leaves these files out.
 SLOW = {
     "test_fit": 110,
     "test_console_page": 150,

@@ -39,7 +39,7 @@ def fit_row() -> Row:
     """Wall time of `spinbench fit logs/published_sweep`, compiled before."""
     seconds = once(lambda: _run(_command("fit", str(published_sweep()))))
     note = "the command in all, default of 10 000 effective samples, no report"
-    return Row(TOPIC, "spinbench fit logs/published_sweep", seconds, None, "s", most=15.0, note=note)
+    return Row(TOPIC, "spinbench fit logs/published_sweep", seconds, None, "s", most=8.0, note=note)
 
 
 def compile_rows() -> list[Row]:

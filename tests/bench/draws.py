@@ -245,5 +245,5 @@ def _to_wanted(chain: Chain, seconds: float) -> Row:
         f"whole run: {effective:.0f} of the worst unknown after {chain.steps} steps, R-hat {chain.rhat.max():.4f}"
         f"{'' if chain.converged else ' (not converged)'}"
     )
-    most = 10.0 if chain.converged and effective >= WANTED else None
+    most = 3.0 if chain.converged and effective >= WANTED else None
     return Row(TOPIC, f"time to {effective:.0f}, warm-up included", seconds, None, "s", most=most, note=note)
