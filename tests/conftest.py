@@ -96,6 +96,12 @@ SLOW = {
     "test_installed": 8,
     "test_clock_and_range": 6,
     "test_diagnosis_next_test": 6,
+    "test_run_page": 6,
+    "test_runlog_import": 6,
+    "test_likelihood": 5,
+    "test_challenge_campaign": 4,
+    "test_reproduction": 3,
+    "test_demo_page": 3,
 }
 
 
