@@ -13,6 +13,7 @@ from calibration.work.threads import each
 
 STEP = 0.02  # of a standard normal unknown, for derivatives; at most
 NEAR = 1.0  # whitened size of the change that it makes
+TOO_LONG = 3.0  # times NEAR; a step that changes more is taken again
 LEAST_STEP = 1e-5
 LEAST_FACTOR = 0.25  # a quantity that cannot be negative falls to no less than this share of itself in a step
 
@@ -97,28 +98,27 @@ class Function:
         raw, white = self.comparison.raw(here), self.comparison.whitener(here, u)
         around = self.problem.neighbourhood(z[: self.k], self.problem.chosen(self.names, z[self.k :]), here)
 
+        def sizes(columns: np.ndarray) -> np.ndarray:
+            return np.asarray(np.linalg.norm(white(np.nan_to_num(columns)), axis=0))
+
         def column(i: int) -> np.ndarray:
-            run = None
-            if i < self.k:
-                known = self.comparison.known_derivative(i, z, raw, self.names)
-                if known is not None:
-                    return known
-                run = self.problem.run_of(i)
+            known = self.comparison.known_derivative(i, z, raw, self.names) if i < self.k else None
+            return self._difference(z, i, differentiated(i), raw, steps[i]) if known is None else known
 
-            def differentiated(moved: np.ndarray) -> np.ndarray:
-                if run is None:
-                    return self.comparison.raw(of(moved, around=around))
-                return self.comparison.raw(of(moved, here, (run,)))
+        def differentiated(i: int) -> Callable[[np.ndarray], np.ndarray]:
+            run = self.problem.run_of(i) if i < self.k else None
+            if run is None:
+                return lambda moved: self.comparison.raw(of(moved, around=around))
+            return lambda moved: self.comparison.raw(of(moved, here, (run,)))
 
-            size = float(np.linalg.norm(white(D[:, i])))
-            step = STEP if size == 0.0 else min(STEP, max(NEAR / size, LEAST_STEP))
-            found = self._difference(z, i, differentiated, raw, step)
-            size = float(np.linalg.norm(white(np.nan_to_num(found))))
-            if step * size > 3.0 * NEAR:
-                found = self._difference(z, i, differentiated, raw, max(NEAR / size, LEAST_STEP))
-            return found
-
-        return np.nan_to_num(np.column_stack(each(column, range(z.size))))
+        steps = _steps_for(sizes(D), STEP)
+        found = np.column_stack(each(column, range(z.size)))
+        change = sizes(found)
+        too_long = np.flatnonzero(steps * change > TOO_LONG * NEAR)
+        steps = _steps_for(change, math.inf)
+        if too_long.size:
+            found[:, too_long] = np.column_stack(each(column, too_long.tolist()))
+        return np.nan_to_num(found)
 
     def _difference(
         self, z: np.ndarray, i: int, of: Callable[[np.ndarray], np.ndarray], start: np.ndarray, step: float
@@ -128,3 +128,9 @@ class Function:
         moved[i] += step if z[i] + step <= self.high[i] else -step
         change: np.ndarray = (of(moved) - start) / (moved[i] - z[i])
         return change
+
+
+def _steps_for(sizes: np.ndarray, most: float) -> np.ndarray:
+    """Steps that make a change of whitened size `NEAR`, shape (m,) [-]; `sizes`, shape (m,): of unit steps [-]."""
+    with np.errstate(divide="ignore"):
+        return np.minimum(np.maximum(NEAR / sizes, LEAST_STEP), most)

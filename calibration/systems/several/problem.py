@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,15 @@ from model.effects.laws import Chosen
 
 END = 1e-6  # share by which a value keeps from the end of its prior
 Predictions = tuple[Prediction, ...]
+
+
+@dataclass(frozen=True)
+class _Last:
+    """The last prediction of a recording: the derivative with an unknown of another one leaves its point the same."""
+
+    key: Hashable
+    near: Any
+    predicted: Prediction
 
 
 class SeveralProblem(compared.Problem):
@@ -68,6 +77,7 @@ class SeveralProblem(compared.Problem):
                 self.nuisances.append(replace(one, whose=of))
                 self._of.append((k, i))
             self.at.append(np.array(mine, dtype=int))
+        self._last: list[_Last | None] = [None] * len(parts)
         self._added = [part.recording.added_inertia_kg_m2 for part in parts]
         # Parts of one recording, with other flywheels, are of one day: an effect has the same sizes in all of them.
         folders = [Path(folder).name for folder, _ in dict.fromkeys(places)]
@@ -262,7 +272,14 @@ class SeveralProblem(compared.Problem):
                     continue
             near = None if around is None else around[k]
             own, mine_of = self._nuisances_of(k, z, chosen), self._chosen_of(k, chosen)
-            found.append(part.predict(own, mine_of, before, mine, smooth, near))
+            if mine is not None:
+                found.append(part.predict(own, mine_of, before, mine, smooth, near))
+                continue
+            key = (part.times_seen, own.tobytes(), repr(mine_of), smooth)
+            last = self._last[k]
+            if last is None or last.key != key or last.near is not near:
+                last = self._last[k] = _Last(key, near, part.predict(own, mine_of, smooth=smooth, around=near))
+            found.append(last.predicted)
         return tuple(found)
 
     def neighbourhood(self, z: np.ndarray, chosen: Chosen, here: Predictions) -> list[Any]:

@@ -110,6 +110,7 @@ class Problem(compared.Problem):
         gas = [base_steady.gas_table(self.motor, P)[0, at.GAS_R] for P in np.clip(line, 5e4, 8e5)]
         self._standing_gas = np.array(gas)
         self.pulses: dict[str, in_time.Pulses] = {}  # of each run, on its course by the mean torque
+        self.times_seen = 0  # `pulses` were taken anew
         self._lag_s = (recording.channels["speed_rpm"].lag_s or 0.0) if "speed_rpm" in recording.channels else 0.0
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Problem:
@@ -277,6 +278,7 @@ class Problem(compared.Problem):
         Returns how far they swing the shaft in each run [rad].
         """
         plans = [self.plan(i, self.split(z), {}) for i in range(len(self.blocks.runs))]
+        self.times_seen += 1
         for run, planned in zip(self.blocks.runs, plans, strict=True):
             self.pulses[run.file] = in_time.Pulses(planned, in_time.ANGLES)
         return [in_time.swing(planned, run) for run, planned in zip(self.blocks.runs, plans, strict=True)]
