@@ -116,6 +116,31 @@ def test_unknowns_of_a_day_are_its_own_and_the_motor_is_shared(tmp_path: Path, m
     )
 
 
+def test_a_recording_that_an_unknown_leaves_alone_is_not_predicted_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = [recordings.sweep(tmp_path / name, seed, {}) for name, seed in (("first", 3), ("second", 8))]
+    problem = compared(read).problem
+    middle = np.zeros(len(problem.nuisances))
+    own = next(i for i in problem.at[1] if i not in problem.at[0])
+    asked: list[int] = []
+    for k, part in enumerate(problem.parts):
+        predict = part.predict
+
+        def counted(*given, k=k, predict=predict, **named):
+            asked.append(k)
+            return predict(*given, **named)
+
+        monkeypatch.setattr(part, "predict", counted)
+    for moved in (0.0, 0.3, -0.2, 0.0):
+        z = middle.copy()
+        z[own] = moved
+        found = problem.predict(z, {})
+        fresh = compared(read).problem.predict(z, {})
+        assert all(np.array_equal(one.flow, other.flow) for one, other in zip(found, fresh, strict=True))
+    assert asked == [0, 1, 1, 1, 1]
+
+
 def with_a_flywheel_in_the_coast_down_alone(folder: Path, seed: int) -> Recording:
     """A sweep, and a coast-down with a flywheel that stands at its file."""
     recordings.sweep(folder, seed, {})
