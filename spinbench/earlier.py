@@ -72,19 +72,27 @@ def read_earlier(out: Path) -> Earlier:
     from calibration.diagnosis.document import FORMAT
     from calibration.report.diagnosis.page import JSON
     from rig.recording import RecordingError
+    from rig.recording.mistakes import shown
 
     file = out / JSON
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise RecordingError(f"{file}: no diagnosis to go on with ({error}); name what `diagnose -o` wrote") from None
-    if not isinstance(found, dict) or found.get("format") != FORMAT or not found.get(RECORDINGS):
+        why = error.strerror if isinstance(error, OSError) else "it is no JSON, or was cut off"
+        raise RecordingError(f"{file}: no diagnosis to go on with ({why}); name what `diagnose -o` wrote") from None
+    of = found.get("format") if isinstance(found, dict) else None
+    if isinstance(of, str) and of != FORMAT and of.startswith(f"{FORMAT.partition('/')[0]}/"):
+        raise RecordingError(f"{file}: of format {shown(of)}, and this version goes on from {FORMAT}; diagnose anew")
+    if of != FORMAT or not found.get(RECORDINGS):
         raise RecordingError(f"{file}: it does not say what was diagnosed; name what `spinbench diagnose -o` wrote")
     parts, sources = [], []
     for one in found[RECORDINGS]:
         folder = Path(os.path.normpath(out / one[FOLDER]))
         if not folder.is_dir():
-            raise RecordingError(f"{folder} is not there any more, and {file} was made of it; name all the recordings")
+            raise RecordingError(
+                f"{folder} is not there any more, and {file} was made of it; it is looked for from where that file "
+                "lies: move either back, or name all the recordings"
+            )
         read = readings.read(folder)
         if read.sha256 != one[SHA256]:
             raise RecordingError(f"{folder} is not what {file} was made of: it was changed; diagnose it anew")

@@ -192,7 +192,8 @@ def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) ->
     from rig.recording import RecordingError
 
     def is_same(one: Recording, other: Recording) -> bool:
-        return one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256)
+        is_copy = one.sha256 != "" and one.sha256 == other.sha256
+        return one.folder.resolve() == other.folder.resolve() or is_copy or bool(_read_in(one) & _read_in(other))
 
     for i, one in enumerate(parts):
         if unseen is not None and is_same(one, unseen):
@@ -206,6 +207,20 @@ def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) ->
                 raise RecordingError(
                     f"a recording is given twice: {these}; its readings would count twice, so name it once"
                 )
+
+
+def _read_in(recording: Recording) -> set[tuple[tuple[str, bytes], ...]]:
+    """What was read in each file of more than one row, by channel: the same in a run and in what it was exported to.
+
+    A zero has few readings, which another zero may have too; whatever copies one copies more.
+    """
+    return {
+        tuple(
+            (name, file.columns[name].values.tobytes()) for name in sorted(recording.channels) if name in file.columns
+        )
+        for file in recording.files
+        if file.kind != "zero" and file.rows > 1
+    } - {()}
 
 
 def so_far(folder: Path) -> Recording:

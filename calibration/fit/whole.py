@@ -104,7 +104,7 @@ def fit(
     begun = time.monotonic()
     # Who judged it has refused every other machine.
     target = Integrated(cast("Comparison | Several", comparison), mode)
-    _refuse_far_out(target)
+    _refuse_far_out(target, len(recordings) > 1)
     mark = _fingerprint(recordings, target, settings)
     if chain_folder is not None:
         store.refuse_another(chain_folder, mark)
@@ -190,7 +190,7 @@ def _expected(
     return bands, suspects, np.array(with_own) if target.told.size else None
 
 
-def _refuse_far_out(target: Integrated) -> None:
+def _refuse_far_out(target: Integrated, are_several: bool) -> None:
     """Refuse a most probable point with noise far from what is declared, or with anything where the maps end."""
     centre, farthest = target.centre(), np.full(len(target.unknowns), 2.0 * REACH)
     farthest[target.shared.size :] = REACH
@@ -204,8 +204,9 @@ def _refuse_far_out(target: Integrated) -> None:
     ]
     if far:
         raise NoPeakError(
-            f"the most probable point is too far out for a fit: {', '.join(far)}; leave out the readings that ask for "
-            "it by --without FILE"
+            f"the most probable point is too far out for a fit: {', '.join(far)}; "
+            + ("see by `spinbench compare` whether the motor changed from one to the other, or " * are_several)
+            + "leave out the readings that ask for it by --without FILE"
         )
 
 

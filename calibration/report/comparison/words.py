@@ -82,9 +82,9 @@ def moves(found: Mapping[str, Any], explanation: Mapping[str, Any]) -> str:
 def moved_in_words(parameter: str, one: Mapping[str, Any]) -> str:
     """A quantity before and after."""
     before, after, change = (figure(parameter, one, key) for key in ("before", "after", "change"))
-    share = ""
-    if one["before"]["mean"] and abs(one["before"]["mean"]) > one["before"]["sd"]:
-        share = f", {100.0 * one['change']['mean'] / one['before']['mean']:+.1f} %".replace("-", "−")
+    share, mean = "", one["before"]["mean"]
+    if abs(mean) > one["before"]["sd"] and mean * one["after"]["mean"] > 0.0:  # no share of what lies about 0
+        share = f", {100.0 * one['change']['mean'] / mean:+.1f} %".replace("-", "−")
     return f"was {before} and is {after} (a change of {change}{share})"
 
 

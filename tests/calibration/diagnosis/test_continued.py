@@ -79,13 +79,23 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
     assert not (asked / "third").exists()
 
 
-@pytest.mark.parametrize("content", [None, "{", '{"format": "diagnosis/1"}'])
-def test_what_is_no_diagnosis_is_not_gone_on_with(content, asked, tmp_path, spinbench_here):
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (None, "(No such file or directory)"),
+        ("{", "(it is no JSON, or was cut off)"),
+        ('{"format": "diagnosis/1"}', "does not say what was diagnosed"),
+        ('{"format": "diagnosis/99", "recordings": [1]}', "of format diagnosis/99"),
+        ('["diagnosis/1"]', "does not say what was diagnosed"),
+    ],
+)
+def test_what_is_no_diagnosis_is_not_gone_on_with(content, why, asked, tmp_path, spinbench_here):
     if content is not None:
         (tmp_path / "diagnosis.json").write_text(content)
     done = spinbench_here("diagnose", "--continue", tmp_path, "flywheel", "-o", tmp_path / "out", cwd=asked)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr and str(tmp_path / "diagnosis.json") in done.stderr
+    assert why in done.stderr.splitlines()[-1]
     assert not (tmp_path / "out").exists()
 
 

@@ -214,6 +214,7 @@ BAD = {
     "flywheel_lighter_than_nothing": "added_inertia_kg_m2",
     "two_motors_of_a_kind": "of the motor ptm3600 no. B2, not of the motor ptm3600 no. A1",
     "the_same_twice": "given twice",
+    "the_same_in_other_bytes": "given twice",
 }
 
 
@@ -234,6 +235,12 @@ def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, spinbench_
         place.write_text(
             text.replace('kind = "steady"', 'kind = "steady", added_inertia_kg_m2 = -0.01'), encoding="utf-8"
         )
+    if name == "the_same_in_other_bytes":
+        (other / "sweep.csv").unlink()
+        lines = (one / "sweep.csv").read_text(encoding="utf-8").splitlines()
+        (other / "renamed.csv").write_bytes("\r\n".join([*lines, ""]).encode())
+        place = other / "recording.toml"
+        place.write_text(place.read_text(encoding="utf-8").replace("sweep.csv", "renamed.csv"), encoding="utf-8")
     second = one / ".." / "one" if name == "the_same_twice" else other
     done = spinbench_here(command, one, second, "-o", "out", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 2, done.stderr
