@@ -32,7 +32,8 @@ except OSError as error:
     print(*in_words(error))
 """
 
-# Writes a file, a recording, a run's samples or its start; the disk takes its first file when a line comes on standard input.
+# Writes a file, a recording, a run's samples or its start; the disk takes the first file when a line comes on
+# standard input.
 SLOW = """
 import os, sys
 sys.path.insert(0, sys.argv[1])
