@@ -612,6 +612,12 @@ def test_no_line_does_more_to_the_entry_codec_than_be_refused(line):
         ("keller_30x_abs", ("[channels.temperature_c]", "[channels.temp]"), "channels.temp: a Keller 30X has"),
         ("edge_counter_20", ("teeth = 20", "teeth = 0"), "'teeth'"),
         ("adam_4024_regulator", ("code = 0x30", "code = 0x31"), "the same code stands twice"),
+        ("adam_4024_regulator", ("low_counts = ", "low_counts = 10000\n#"), "low_counts lies below high_counts"),
+        (
+            "alicat_pc_modbus",
+            ("[channels.pressure_bar_abs]", "[channels.speed_rpm]"),
+            "channels.speed_rpm: the names begin",
+        ),
         ("alicat_pc_ascii", ('"setpoint"]', '"-"]'), "layout: it holds pressure_bar_abs where"),
         ("alicat_pc_modbus", ('numbering = "from 1"\n', ""), "the key 'numbering' is missing"),
         ("manual_bench", ('"speed_rpm"]', '"speed"]'), "columns: "),

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.runlog import RunError, RunWriter, read_run, repair, verify
+from rig.runlog.folder import Lock
 from rig.runlog.lines import torn_bytes
 from rig.runlog.listing import find_run, list_runs, summary
 from rig.runlog.rows import harmless
@@ -139,6 +140,18 @@ def test_a_run_that_is_being_written_is_not_repaired(tmp_path):
     ):
         repair(writer.folder)
     assert not (writer.folder / "end.json").exists()
+
+
+def test_a_run_that_ends_as_its_repair_begins_is_left_as_it_is(tmp_path, monkeypatch):
+    with RunWriter.create(tmp_path, start_of()) as writer:
+
+        def ended_meanwhile(folder):
+            writer.end("finished")
+            return Lock(folder)
+
+        monkeypatch.setattr(sys.modules["rig.runlog.verify"], "Lock", ended_meanwhile)
+        assert repair(writer.folder) == ["the run has an end record; nothing to repair"]
+    assert read_run(writer.folder).state == "finished"
 
 
 def test_a_run_that_is_damaged_inside_is_not_repaired(killed):

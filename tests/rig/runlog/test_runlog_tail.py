@@ -10,7 +10,7 @@ from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
 from rig.readings import Quality
 from rig.runlog import RunError, RunWriter, read_run
 from rig.runlog.folder import writer_of
-from rig.runlog.tail import BINS, KEPT_EVENTS, Bins, Tail
+from rig.runlog.tail import BINS, KEPT_EVENTS, SCALES, Bins, Tail
 from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of, write_sweep
 
 
@@ -69,9 +69,9 @@ def test_a_replay_sees_nothing_of_what_comes_later(tmp_path):
 def test_bins_of_nothing_are_none_and_those_of_years_end_at_the_coarsest():
     assert Bins().last(0.0, 1.0) == []
     bins, day_s = Bins(), 86_400.0
-    for day in range(3):
+    for day in range(3 * SCALES):
         bins.add(day * day_s, float(day))
-    assert [low for _, low, _ in bins.last(0.0, 3.0 * day_s)] == [0.0, 1.0, 2.0]
+    assert [low for _, low, _ in bins.last(0.0, 1000 * day_s)] == [float(day) for day in range(3 * SCALES)]
 
 
 def test_a_bench_without_a_flow_meter_and_readings_without_a_role_or_a_value_are_followed(tmp_path):
@@ -89,10 +89,11 @@ def test_a_bench_without_a_flow_meter_and_readings_without_a_role_or_a_value_are
     assert tail.details("course") == {}
 
 
-def test_a_flow_at_the_inlet_is_taken_as_it_is(tmp_path):
-    flow = f"{DERIVED_DEVICE}.{DERIVED_CHANNEL}"
+@pytest.mark.parametrize("flow", [f"{DERIVED_DEVICE}.{DERIVED_CHANNEL}", "meter.flow_sl_min"])
+def test_the_flow_is_that_at_the_inlet_and_no_standard_litres(tmp_path, flow):
     with RunWriter.create(tmp_path, start_of(roles={"flow": flow})) as writer:
         writer.exchange(poll(DERIVED_DEVICE, {DERIVED_CHANNEL: 72.0}, 1_000_000_000))
+        writer.exchange(poll("meter", {"flow_sl_min": 110.0}, 2_000_000_000))
         tail = Tail(writer.folder)
         tail.advance()
     assert tail.newest["flow"].value == 72.0
