@@ -69,6 +69,11 @@ class Run:
         return self.folder.name
 
     @property
+    def sealed(self) -> bool:
+        """Whether there is an end record."""
+        return self.end is not None
+
+    @property
     def has_wire(self) -> bool:
         """Whether the bytes on the wire were kept."""
         return (self.folder / WIRE).exists()

@@ -586,6 +586,12 @@ def test_the_echo_alone_of_a_question_in_text_is_no_answer(bench):
         driver.identify(line)
 
 
+def test_an_alicat_is_told_by_the_layout_of_its_frame(bench):
+    driver = alicat_driver()
+    line, _ = bench(driver, AlicatPeer())
+    assert "unit A (its frame has the layout" in driver.identify(line)
+
+
 def test_an_alicat_s_set_point_is_taken_over_a_line_that_echoes(bench):
     driver = alicat_driver()
     slave = AlicatPeer()

@@ -151,7 +151,8 @@ def test_a_run_that_ends_as_its_repair_begins_is_left_as_it_is(tmp_path, monkeyp
 
         monkeypatch.setattr(sys.modules["rig.runlog.verify"], "Lock", ended_meanwhile)
         assert repair(writer.folder) == ["the run has an end record; nothing to repair"]
-    assert read_run(writer.folder).state == "finished"
+    run = read_run(writer.folder)
+    assert (run.state, run.sealed) == ("finished", True)
 
 
 def test_a_run_that_is_damaged_inside_is_not_repaired(killed):
