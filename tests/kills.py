@@ -25,7 +25,7 @@ from rig.recording.files import write_file
 from rig.replay.replaying import replay
 from rig.runlog import read_run, repair, verify
 from rig.virtual.launch import ask
-from tests.kills_of_commands import of_a_command
+from tests.kills_of_commands import hidden_in, of_a_command
 
 ROOT = Path(__file__).resolve().parents[1]
 CONTROLLER = """
@@ -63,6 +63,8 @@ class Kill:
         Whether the run can be read, replays bit for bit, and verifies after its repair.
     finished : bool
         Whether the sweep had ended by itself before the kill.
+    temporary, left : int
+        Hidden temporary folders and files after the kill, and after the repair [-].
     """
 
     after_s: float
@@ -75,6 +77,8 @@ class Kill:
     replayed: bool
     repaired: bool
     finished: bool
+    temporary: int
+    left: int
 
     @property
     def fault(self) -> str:
@@ -122,6 +126,7 @@ def kill_once(after_s: float, command: str = SWEEP) -> Kill:
         after = (run / "samples.csv").read_bytes()
         read = read_run(run)
         replayed = replay(read)
+        temporary = hidden_in(logs)
         if not finished:
             _wait_for_the_watchdog(run)  # it writes its last line into the run after the regulator is at zero
             repair(run)
@@ -136,6 +141,8 @@ def kill_once(after_s: float, command: str = SWEEP) -> Kill:
             replayed.same,
             not told(verify(run)),
             finished,
+            temporary,
+            hidden_in(logs),
         )
 
 
@@ -184,9 +191,9 @@ def _wait_for(look):
     raise TimeoutError("the sweep did not start within a minute")
 
 
-def of_the_bench(out: Path, command: str, kills: int, seed: int) -> tuple[int, int]:
-    """Kill what drives the bench so often; the numbers of kills and of faults."""
-    counted = faults = 0
+def of_the_bench(out: Path, command: str, kills: int, seed: int) -> tuple[int, int, int, int]:
+    """Kill what drives the bench so often; the numbers that `of_a_command` gives."""
+    counted = faults = hidden = left = 0
     draw = random.Random(f"{command} {seed}")
     for i in range(kills):
         after_s = draw.uniform(0.0, LONG_S[command])
@@ -196,12 +203,14 @@ def of_the_bench(out: Path, command: str, kills: int, seed: int) -> tuple[int, i
         kill = Kill(**json.loads(path.read_text(encoding="utf-8")))
         counted += not kill.finished
         faults += bool(kill.fault)
+        hidden += bool(kill.temporary)
+        left += bool(kill.left)
         print(
             f"{command} {i + 1}/{kills}: after {kill.after_s:.2f} s, {kill.rows_after} rows, at zero after "
             f"{kill.zero_after_s:.2f} s{'' if kill.raised else ' (never raised)'}: {kill.fault or 'nothing lost'}",
             flush=True,
         )
-    return counted, faults
+    return counted, faults, hidden, left
 
 
 def main() -> int:
@@ -218,9 +227,10 @@ def main() -> int:
         if options.only in (None, name.split()[0]):
             of = of_the_bench if name in LONG_S else of_a_command
             rows.append((name.split()[0], *of(options.out, name, round(count * options.share), options.seed)))
-    print("\n".join(f"{name}: {kills} kills, {faults} faults" for name, kills, faults in rows))
-    print(f"{sum(row[1] for row in rows)} kills, {sum(row[2] for row in rows)} faults (seed {options.seed})")
-    return min(sum(row[2] for row in rows), 1)
+    rows.append(("together", *(sum(row[i] for row in rows) for i in range(1, 5))))
+    for name, kills, faults, hidden, left in rows:
+        print(f"{name}: {kills} kills, {faults} faults; {hidden} left temporary files, {left} for good")
+    return min(rows[-1][2], 1)
 
 
 if __name__ == "__main__":

@@ -154,12 +154,17 @@ COMMANDS = {
 
 @dataclass(frozen=True)
 class Kill:
-    """One kill. `finished`: whether the command had ended by itself; `temporary`: temporary files that were left."""
+    """One kill.
+
+    `finished`: whether the command had ended by itself.
+    `temporary`, `left`: hidden temporary folders and files after the kill, and after the command was run again.
+    """
 
     command: str
     moment: str
     finished: bool
     temporary: int
+    left: int
     faults: list[str]
 
 
@@ -173,10 +178,11 @@ def kill_once(command: Command, usual_s: float, draw: random.Random) -> Kill:
         after_s = draw.uniform(0.0, JUST_AFTER_S) if at_writing else draw.uniform(0.0, 0.9 * usual_s)
         finished = _start_and_kill(command, folder, after_s, at_writing)
         faults = _faults(command, folder, before)
-        temporary = sum(path.name.startswith(".") and path.name != ".lock" for path in folder.rglob("*"))
+        temporary = hidden_in(folder)
         faults += _again(command, folder, before)
+        left = hidden_in(folder)
         moment = f"{'from the first writing' if at_writing else 'from the start'} {after_s:.3f} s"
-        return Kill(command.name, moment, finished, temporary, faults)
+        return Kill(command.name, moment, finished, temporary, left, faults)
 
 
 def usual(command: Command) -> float:
@@ -211,6 +217,11 @@ def _files(folder: Path) -> dict[str, bytes]:
 def _is_hidden(path: Path, folder: Path) -> bool:
     """Locks, and what is written beside its place."""
     return any(part.startswith(".") for part in path.relative_to(folder).parts)
+
+
+def hidden_in(folder: Path) -> int:
+    """How many temporary folders and files there are."""
+    return sum(path.name.startswith(".") and path.name != ".lock" for path in folder.rglob("*"))
 
 
 def _run(line: str, folder: Path) -> subprocess.Popen[bytes]:
@@ -310,8 +321,10 @@ def half_written(name: Path, content: bytes) -> str:
 
 def _again(command: Command, folder: Path, before: dict[str, bytes]) -> list[str]:
     """Run the lines to their end on what is there, and look at the results."""
-    if not command.results and command.name != "challenge":
-        shutil.rmtree(folder / "out", ignore_errors=True)  # nothing is overwritten
+    place = command.lines[0].partition(" -o ")[2]
+    if place and not command.results:  # nothing is overwritten
+        shutil.rmtree(folder / place, ignore_errors=True)
+        (folder / place).unlink(missing_ok=True)
     for line in command.lines:
         process = _run(line, folder)
         code = process.wait(LONGEST_S)
@@ -322,9 +335,13 @@ def _again(command: Command, folder: Path, before: dict[str, bytes]) -> list[str
     return faults + [f"again: {fault}" for fault in _faults(command, folder, before)]
 
 
-def of_a_command(out: Path, name: str, kills: int, seed: int) -> tuple[int, int]:
-    """Kill a command so often; the numbers of kills, without those that came when it had ended, and of faults."""
-    counted = faults = 0
+def of_a_command(out: Path, name: str, kills: int, seed: int) -> tuple[int, int, int, int]:
+    """Kill a command so often.
+
+    Returns the numbers of kills, without those that came when it had ended, of faults, of kills that left something
+    hidden, and of those where it was still there after the command was run again.
+    """
+    counted = faults = hidden = left = 0
     usual_s = None
     for i in range(kills):
         path = out / f"{name}_{seed}_{i}.json"
@@ -335,6 +352,9 @@ def of_a_command(out: Path, name: str, kills: int, seed: int) -> tuple[int, int]
         kill = Kill(**json.loads(path.read_text(encoding="utf-8")))
         counted += not kill.finished
         faults += bool(kill.faults)
+        hidden += bool(kill.temporary)
+        left += bool(kill.left)
         told = "; ".join(kill.faults) or ("had ended" if kill.finished else "nothing half-written")
-        print(f"{name} {i + 1}/{kills}: {kill.moment}, {kill.temporary} temporary files: {told}", flush=True)
-    return counted, faults
+        temporary = f"{kill.temporary} temporary, {kill.left} in the end"
+        print(f"{name} {i + 1}/{kills}: {kill.moment}, {temporary}: {told}", flush=True)
+    return counted, faults, hidden, left

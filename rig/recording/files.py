@@ -1,4 +1,4 @@
-"""Writing results: each file beside its place first and then renamed, so that nothing is ever there by half."""
+"""Writing results: each beside its place first and then renamed, so that nothing is ever there by half."""
 
 from __future__ import annotations
 
@@ -6,10 +6,16 @@ import contextlib
 import errno
 import json
 import os
+import platform
+import re
+import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+# A lock may be unknown to other machines that share the folder: a leftover is for the machine that it names.
+_HIDDEN = f".spinbench-{re.sub('[^A-Za-z0-9]', '_', platform.node())}"
 
 
 def check_places(folder: Path | None, file: Path | None = None) -> None:
@@ -30,21 +36,24 @@ def check_places(folder: Path | None, file: Path | None = None) -> None:
             raise OSError(code, os.strerror(code), str(there))
 
 
-def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+def write_files(folder: Path, files: Mapping[str, bytes], hidden_in: Path | None = None) -> None:
     """Write files into a folder, which is made if it is missing.
 
     All are written out in full before the first gets its name. What is there and is no plain file, as /dev/null or a
-    pipe, is written into and stays what it is. Raises OSError when the folder or a file cannot be written, with its
-    name; what was there before is still there.
+    pipe, is written into and stays what it is.
+
+    `hidden_in`: where they are until they are whole, if not in the folder itself.
+    Raises OSError when the folder or a file cannot be written, with its name; what was there before is still there.
     """
     with contextlib.ExitStack() as stack:
         if not folder.exists():
             folder.mkdir(parents=True)
             stack.callback(_remove_if_empty, folder)
-        beside = [(_write_beside(folder / name, content, stack), folder / name) for name, content in files.items()]
-        for _, place in beside:
+        hidden = stack.enter_context(beside(hidden_in or folder))
+        written = [(_write_into(hidden, folder / name, content), folder / name) for name, content in files.items()]
+        for _, place in written:
             check_places(None, place)
-        for temporary, place in beside:
+        for temporary, place in written:
             if place.exists() and not place.is_file():
                 place.write_bytes(files[place.name])
             else:
@@ -52,9 +61,26 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     sync_folder(folder)
 
 
-def write_file(path: Path, content: bytes) -> None:
+@contextlib.contextmanager
+def beside(folder: Path) -> Iterator[Path]:
+    """A hidden folder in `folder`, for what is moved to its place once it is whole; removed at the end.
+
+    It is locked as long as its writer lives. What a killed writer left is removed by the next one of the same folder,
+    where the file system has locks. Raises OSError when it cannot be made.
+    """
+    _remove_leftovers(folder)
+    hidden, handle = _locked_folder(folder)
+    try:
+        yield hidden
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
+        if handle is not None:
+            os.close(handle)
+
+
+def write_file(path: Path, content: bytes, hidden_in: Path | None = None) -> None:
     """Write one file, as `write_files` does. Raises OSError when it cannot be written."""
-    write_files(path.parent, {path.name: content})
+    write_files(path.parent, {path.name: content}, hidden_in)
 
 
 def json_bytes(data: Any) -> bytes:
@@ -101,19 +127,67 @@ def _remove_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _write_beside(place: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
-    """A temporary file with the content, removed by the stack unless it has been renamed by then."""
-    handle, name = tempfile.mkstemp(prefix=".spinbench-", dir=place.parent)
-    temporary = Path(name)
-    stack.callback(temporary.unlink, missing_ok=True)
+def _write_into(hidden: Path, place: Path, content: bytes) -> Path:
+    """A file with the content, on the disk, that is yet to be moved to its place."""
+    temporary = hidden / place.name
     try:
-        with os.fdopen(handle, "wb") as stream:
+        with temporary.open("xb") as stream:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(place)) from None  # a full disk names no file
-    umask = os.umask(0)
-    os.umask(umask)
-    temporary.chmod(0o666 & ~umask)
     return temporary
+
+
+def _locked_folder(folder: Path) -> tuple[Path, int | None]:
+    """A new hidden folder, and the handle that keeps it locked; no handle where there are no locks."""
+    while True:
+        try:
+            hidden = Path(tempfile.mkdtemp(prefix=f"{_HIDDEN}-", dir=folder))
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(folder)) from None
+        if os.name != "posix":
+            return hidden, None
+        handle = None
+        with contextlib.suppress(FileNotFoundError):  # another writer took it for a leftover before it was locked
+            handle = _opened(hidden)
+            is_locked = _lock(handle)
+            if is_locked is None or (is_locked and hidden.exists()):
+                return hidden, handle
+        if handle is not None:
+            os.close(handle)
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what killed writers of this machine left in a folder: what nobody holds locked."""
+    if os.name != "posix":
+        return
+    there: list[Path] = []
+    with contextlib.suppress(PermissionError):  # a folder that one may write into and not look into
+        there = [path for path in folder.iterdir() if path.name.rpartition("-")[0] == _HIDDEN]
+    for path in there:
+        with contextlib.suppress(OSError):  # gone meanwhile, or another user's
+            handle = _opened(path)
+            try:
+                if _lock(handle):
+                    shutil.rmtree(path, ignore_errors=True)
+            finally:
+                os.close(handle)
+
+
+def _opened(folder: Path) -> int:
+    return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+
+
+def _lock(handle: int) -> bool | None:
+    """Whether the lock is ours now, without waiting; None where the file system has no locks."""
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True

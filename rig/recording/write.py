@@ -1,4 +1,4 @@
-"""Writing a recording: into a sibling folder first, read back, and only then given its name."""
+"""Writing a recording: into a hidden folder beside it first, read back, and only then given its name."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import json
 import math
 import os
 import re
-import shutil
-import uuid
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ import numpy as np
 
 from rig.recording.columns import FIGURES, FLAGS
 from rig.recording.contents import Channel, Column, Recording, RecordingError, RecordingFile
+from rig.recording.files import beside
 from rig.recording.folder import RefusedError, parts
 from rig.recording.read import TOML, read_recording
 from rig.recording.safe_text import harmless
@@ -45,23 +44,22 @@ def write_recording(recording: Recording, folder: Path, beside_it: Mapping[str, 
     folder = Path(folder)
     if os.path.lexists(folder):
         raise PlaceError(f"{folder}: exists already; nothing is overwritten, give a name that is free")
-    beside = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}.writing")
     try:
-        beside.mkdir()
-        _write_into(recording, beside)
-        for name, text in (beside_it or {}).items():
-            with _durable(beside / name) as stream:
-                stream.write(text)
-        read_recording(beside)
-        beside.rename(folder)
+        with beside(folder.parent) as hidden:
+            whole = hidden / folder.name
+            whole.mkdir()
+            _write_into(recording, whole)
+            for name, text in (beside_it or {}).items():
+                with _durable(whole / name) as stream:
+                    stream.write(text)
+            read_recording(whole)
+            whole.rename(folder)
     except RecordingError as error:
-        raise RecordingError(str(error).replace(str(beside), str(folder))) from None
+        raise RecordingError(str(error).replace(str(whole), str(folder))) from None
     except RefusedError as refusal:
         raise RecordingError(f"{folder}: {refusal}") from None
     except OSError as error:
         raise PlaceError(f"{folder}: cannot be written ({error.strerror}); check the place and the space") from None
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
 
 
 def _write_into(recording: Recording, folder: Path) -> None:

@@ -110,15 +110,16 @@ def writer_of(folder: Path) -> int | None:
     return None
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def write_whole(path: Path, data: bytes, hidden_in: Path | None = None) -> None:
     """Write a small file so that it is there whole or not at all, on the disk when this returns.
 
     `path`: the file; it must not exist.
+    `hidden_in`: where it is until it is whole, if not in its own folder.
     """
     if os.path.lexists(path):
         raise RunError(f"{path}: exists already; nothing is overwritten")
     try:
-        write_file(path, data)
+        write_file(path, data, hidden_in)
     except OSError as error:
         raise RunError(f"{path}: cannot be written ({error.strerror}); check the place and the space") from None
 

@@ -102,12 +102,7 @@ class Run:
 
     def wire_lines(self) -> Iterator[WireLine]:
         """The lines of wire.jsonl. Raises RunError: file, line and what is wrong."""
-        path = self.folder / WIRE
-        for number, data in whole_lines(path):
-            line = parse(WireLine, data, f"{path}, line {number}")
-            if line.n != number:
-                raise RunError(f"{path}, line {number}: its number is {line.n}; lines are missing or not in order")
-            yield line
+        return wire_lines(self.folder / WIRE)
 
     def exchanges(self) -> Iterator[tuple[int, Exchange]]:
         """Every exchange with its number, its bytes and its readings, in the order of the log.
@@ -127,6 +122,29 @@ def read_run(folder: Path) -> Run:
     Raises RunError when the folder holds no run/1, or a file of it is damaged beyond a torn last line.
     """
     folder = Path(folder)
+    head = read_head(folder)
+    samples = read_samples(folder / SAMPLES)
+    events = list(read_events(folder / EVENTS))
+    plateau_rows = plateaus.read(folder / PLATEAUS)
+    in_use = plateaus.in_use(plateau_rows)
+    return Run(folder, head.start, head.end, head.state, samples, events, in_use, plateau_rows, head.torn)
+
+
+@dataclass(frozen=True)
+class Head:
+    """What is known of a run without its lines, as `Run` has it."""
+
+    start: StartRecord
+    end: EndRecord | None
+    state: str
+    torn: dict[str, int]
+
+
+def read_head(folder: Path) -> Head:
+    """The records of a run, how it stands, and which of its files end in a torn line.
+
+    Raises RunError when the folder holds no run/1, or its samples are gone.
+    """
     start = read_start(folder)
     # Asked before the files are looked at: a run that ends meanwhile is "being written", not torn and "killed".
     locked = is_locked(folder)
@@ -138,11 +156,7 @@ def read_run(folder: Path) -> Run:
         path = folder / name
         if (path.exists() or path.is_symlink()) and (dropped := torn_bytes(path)):
             torn[name] = dropped
-    samples = read_samples(folder / SAMPLES)
-    events = read_events(folder / EVENTS)
-    plateau_rows = plateaus.read(folder / PLATEAUS)
-    state, in_use = state_of(end, locked), plateaus.in_use(plateau_rows)
-    return Run(folder, start, end, state, samples, events, in_use, plateau_rows, torn)
+    return Head(start, end, state_of(end, locked), torn)
 
 
 def state_of(end: EndRecord | None, locked: bool) -> str:
@@ -183,9 +197,16 @@ def event_of(data: bytes, number: int, path: Path) -> EventLine:
     return event
 
 
-def read_events(path: Path) -> list[EventLine]:
+def read_events(path: Path) -> Iterator[EventLine]:
     """The events of a run. `path`: events.jsonl; a missing one has none."""
-    events = []
     for number, data in whole_lines(path):
-        events.append(event_of(data, number, path))
-    return events
+        yield event_of(data, number, path)
+
+
+def wire_lines(path: Path) -> Iterator[WireLine]:
+    """The lines of wire.jsonl. Raises RunError: file, line and what is wrong."""
+    for number, data in whole_lines(path):
+        line = parse(WireLine, data, f"{path}, line {number}")
+        if line.n != number:
+            raise RunError(f"{path}, line {number}: its number is {line.n}; lines are missing or not in order")
+        yield line

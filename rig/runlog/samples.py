@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAX_SAMPLES = 20_000_000
-BLOCK_ROWS = 50_000
+BLOCK_ROWS = 10_000
 _DIGITS = re.compile(r"[0-9.e+-]*", re.ASCII)
 _QUALITIES = {quality.value for quality in Quality}
 
@@ -34,19 +35,21 @@ def read_samples(path: Path) -> pd.DataFrame:
     """
     import pandas as pd  # a fifth of a second, which commands that read no samples are spared
 
-    blocks: list[pd.DataFrame] = []
-    lines: list[tuple[int, bytes]] = []
-    for line in whole_lines(path):
-        lines.append(line)
-        if len(lines) == BLOCK_ROWS:
-            blocks.append(pd.DataFrame(columns_of(lines, path, _last_exchange(blocks))))
-            lines = []
-    blocks.append(pd.DataFrame(columns_of(lines, path, _last_exchange(blocks))))
+    blocks = [pd.DataFrame(block) for block in blocks_of(path)]
     return pd.concat(blocks, ignore_index=True) if len(blocks) > 1 else blocks[0]
 
 
-def _last_exchange(blocks: list[pd.DataFrame]) -> int:
-    return int(blocks[-1]["exchange"].iloc[-1]) if blocks else 1
+def blocks_of(path: Path) -> Iterator[dict[str, np.ndarray]]:
+    """The samples of a run in blocks that follow each other, one at least, with the columns of `read_samples`.
+
+    `path`: samples.csv; a missing one has no rows.
+    Raises RunError: file, line and what is wrong.
+    """
+    lines, exchange, begun = whole_lines(path), 1, False
+    while (several := list(itertools.islice(lines, BLOCK_ROWS))) or not begun:
+        block, begun = columns_of(several, path, exchange), True
+        exchange = int(block["exchange"][-1]) if len(block["exchange"]) else exchange
+        yield block
 
 
 def columns_of(lines: Sequence[tuple[int, bytes]], path: Path, exchange: int) -> dict[str, np.ndarray]:

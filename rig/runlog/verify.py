@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
-from collections import Counter, deque
+from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 
 from rig.readings import NS
 from rig.recording.files import alone_in
-from rig.runlog import rows
+from rig.runlog import plateaus, rows
 from rig.runlog.folder import (
     APPENDED,
     END,
+    EVENTS,
     HASHED,
     LOCK,
     PAGE,
+    PLATEAUS,
     SAMPLES,
     START,
     WIRE,
@@ -25,10 +29,12 @@ from rig.runlog.folder import (
     write_whole,
 )
 from rig.runlog.lines import whole_lines
-from rig.runlog.reader import BEING_WRITTEN, KILLED, Run, read_end, read_run, read_start
-from rig.runlog.schema import EndRecord, dump
+from rig.runlog.reader import BEING_WRITTEN, KILLED, read_end, read_events, read_head, read_start, wire_lines
+from rig.runlog.samples import blocks_of
+from rig.runlog.schema import EndRecord, WireLine, dump
 
 REPAIRED = "killed; repaired"
+MOST_SHOWN = 20
 
 
 def verify(folder: Path) -> list[str]:
@@ -44,23 +50,23 @@ def verify(folder: Path) -> list[str]:
     try:
         end = read_end(folder)
         findings += _changed(folder, end) if end is not None else []
-        run = read_run(folder)
-        counts, unfit = _counted(run)
+        run = _Look(folder)
     except RunError as error:
         return [*findings, *str(error).splitlines()]
-    if run.state == BEING_WRITTEN:
+    if run.head.state == BEING_WRITTEN:
         findings.append("no end record: a program writes this run now")
-    elif run.state == KILLED:
+    elif run.head.state == KILLED:
         findings.append("no end record: the run was killed; `spinbench runs repair` seals what there is")
-    findings += [f"{name}: its last line is torn, {dropped} bytes are left out" for name, dropped in run.torn.items()]
-    findings += unfit
-    if run.end is not None:
+    torn = run.head.torn.items()
+    findings += [f"{name}: its last line is torn, {dropped} bytes are left out" for name, dropped in torn]
+    findings += run.findings
+    if run.head.end is not None:
         findings += [
-            f"the end record counts {said} {what}, the files hold {counts[what]}"
-            for what, said in run.end.counts.items()
-            if what in counts and counts[what] != said
+            f"the end record counts {said} {what}, the files hold {run.counts[what]}"
+            for what, said in run.head.end.counts.items()
+            if what in run.counts and run.counts[what] != said
         ]
-    for name, source in run.start.sources.items():
+    for name, source in run.head.start.sources.items():
         if _differs(source.text, source.sha256):
             findings.append(f"{START}: the text of the source {name} has another SHA-256 than it says")
     return findings
@@ -96,28 +102,72 @@ def _changed(folder: Path, end: EndRecord) -> list[str]:
     return findings
 
 
-def _counted(run: Run) -> tuple[dict[str, int], list[str]]:
-    """How many lines there are of each sort, and where the samples do not fit the wire."""
-    samples = run.samples
-    last = int(samples["exchange"].iloc[-1]) if len(samples) else 0
-    counts = {"samples": len(samples), "events": len(run.events), "plateaus": len(run.plateau_rows)}
-    if not run.has_wire:
-        return counts, []
-    findings = []
-    held = Counter(samples["exchange"].tolist())
-    number = 0
-    for line in run.wire_lines():
-        number = line.n
-        if held[number] != line.readings:
-            findings.append(
-                f"{SAMPLES}: exchange {number} has {held[number]} rows; {WIRE} says {line.readings} readings"
-            )
-    if last > number:
-        findings.append(f"{SAMPLES}: rows of exchange {last}, but {WIRE} ends with {number}")
-    counts["exchanges"] = number
-    if len(findings) > 20:
-        findings = [*findings[:20], f"and {len(findings) - 20} more"]
-    return counts, findings
+class _Look:
+    """A look at every line of a run, in memory that does not grow with its samples.
+
+    `counts`: lines of each sort [-]; no exchanges where the bytes on the wire were not kept.
+    `findings`: where the samples do not fit the wire.
+    `exchange`: the last one of the samples [-].
+    `wire_end`: the last exchange of the wire, the rows that it has, and the readings that the wire says [-].
+    `last_ns`: the last reply, or the last event where that is later [ns].
+    Raises RunError as `read_run` does, or for a line of the wire.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.head = read_head(folder)
+        self.counts = {"samples": 0, "events": 0, "plateaus": 0}
+        self.exchange = self.last_ns = 0
+        self.wire_end = (0, 0, 0)
+        self._damage: RunError | None = None
+        misfits = self._misfits((folder / WIRE).exists())
+        self.findings = list(itertools.islice(misfits, MOST_SHOWN))
+        if more := sum(1 for _ in misfits):
+            self.findings.append(f"and {more} more")
+
+    def _misfits(self, has_wire: bool) -> Iterator[str]:
+        """Where the samples do not fit the wire. Damage of the wire is told after that of any other file."""
+        held = ((number, sum(1 for _ in rows)) for number, rows in itertools.groupby(self._exchanges()))
+        following = next(held, None)
+        for line in self._wire() if has_wire else ():
+            rows = 0
+            if following is not None and following[0] == line.n:
+                rows, following = following[1], next(held, None)
+            if rows != line.readings:
+                yield f"{SAMPLES}: exchange {line.n} has {rows} rows; {WIRE} says {line.readings} readings"
+            self.wire_end = (line.n, rows, line.readings)
+        deque(held, maxlen=0)  # what is beyond the wire is looked at too
+        self._look_at_the_rest()
+        if self._damage is not None:
+            raise self._damage
+        if has_wire:
+            self.counts["exchanges"] = self.wire_end[0]
+            if self.exchange > self.wire_end[0]:
+                yield f"{SAMPLES}: rows of exchange {self.exchange}, but {WIRE} ends with {self.wire_end[0]}"
+
+    def _exchanges(self) -> Iterator[int]:
+        """The exchange of each row of the samples."""
+        for block in blocks_of(self.folder / SAMPLES):
+            if exchanges := block["exchange"].tolist():
+                self.counts["samples"] += len(exchanges)
+                self.exchange = exchanges[-1]
+                self.last_ns = max(self.last_ns, int(block["reply_ns"].max()))
+                yield from exchanges
+
+    def _wire(self) -> Iterator[WireLine]:
+        """The lines of the wire up to a damaged one."""
+        try:
+            yield from wire_lines(self.folder / WIRE)
+        except RunError as damage:
+            self._damage = damage
+
+    def _look_at_the_rest(self) -> None:
+        event_s = 0.0
+        for event in read_events(self.folder / EVENTS):
+            self.counts["events"] += 1
+            event_s = event.time_s
+        self.last_ns = max(self.last_ns, round(event_s * NS))
+        self.counts["plateaus"] = len(plateaus.read(self.folder / PLATEAUS))
 
 
 def repair(folder: Path) -> list[str]:
@@ -128,39 +178,34 @@ def repair(folder: Path) -> list[str]:
     lines; nothing is changed then.
     """
     folder = Path(folder)
-    if read_run(folder).sealed:
+    if read_head(folder).end is not None:
+        _Look(folder)  # refuses what is damaged
         return ["the run has an end record; nothing to repair"]
     lock = Lock(folder)
     try:
-        run = read_run(folder)
-        if run.sealed:
+        run = _Look(folder)  # refuses what is damaged before anything is changed
+        if run.head.end is not None:
             return ["the run has an end record; nothing to repair"]
-        _counted(run)  # refuses what is damaged before anything is changed
         done, dropped = _drop(run)
-        run = read_run(folder)
-        counts, findings = _counted(run)
-        last_ns = max(
-            int(run.samples["reply_ns"].max()) if len(run.samples) else 0,
-            round(run.events[-1].time_s * NS) if run.events else 0,
-        )
+        run = _Look(folder)
         with alone_in(folder):  # a watchdog may be writing its line
             present = [name for name in HASHED if (folder / name).exists()]
             record = EndRecord(
                 outcome="failed",
                 reason=REPAIRED,
-                utc_end=rows.utc_text(run.start.clock.utc_start_ns + last_ns),
-                counts={"exchanges": int(run.samples["exchange"].iloc[-1]) if len(run.samples) else 0} | counts,
+                utc_end=rows.utc_text(run.head.start.clock.utc_start_ns + run.last_ns),
+                counts={"exchanges": run.exchange} | run.counts,
                 sha256={name: sha256_of(folder / name) for name in present},
                 vented=None,
-                repair={"dropped": dropped, "findings": findings},
+                repair={"dropped": dropped, "findings": run.findings},
             )
             write_whole(folder / END, dump(record))
     finally:
         lock.release()
-    return [*done, *findings, f"sealed as failed, reason '{REPAIRED}'"]
+    return [*done, *run.findings, f"sealed as failed, reason '{REPAIRED}'"]
 
 
-def _drop(run: Run) -> tuple[list[str], dict[str, dict[str, object]]]:
+def _drop(run: _Look) -> tuple[list[str], dict[str, dict[str, object]]]:
     """Cut off the torn last lines and an unfinished last exchange, and say what was in them.
 
     The rows go before their line of the wire: a repair that is killed in between can be done again.
@@ -168,7 +213,7 @@ def _drop(run: Run) -> tuple[list[str], dict[str, dict[str, object]]]:
     done, dropped = [], {}
     unfinished, said = _unfinished(run)
     for name in APPENDED:
-        torn = run.torn.get(name, 0)
+        torn = run.head.torn.get(name, 0)
         size = torn + unfinished.get(name, 0)
         if size:
             tail = _cut(run.folder / name, size)
@@ -178,17 +223,16 @@ def _drop(run: Run) -> tuple[list[str], dict[str, dict[str, object]]]:
     return [*done, *said] or ["no line was torn"], dropped
 
 
-def _unfinished(run: Run) -> tuple[dict[str, int], list[str]]:
+def _unfinished(run: _Look) -> tuple[dict[str, int], list[str]]:
     """The bytes of a last exchange whose rows are not all there, by file: it was never acknowledged."""
-    last = deque(run.wire_lines() if run.has_wire else (), maxlen=1)
-    held = len(run.readings_of(last[0].n)) if last else 0
-    if not last or held >= last[0].readings:
+    number, held, said = run.wire_end
+    if held >= said:
         return {}, []
     sizes = {}
     for name, lines in ((SAMPLES, held), (WIRE, 1)):
         tail = deque((line for _, line in whole_lines(run.folder / name)), maxlen=lines)
         sizes[name] = sum(len(line) + 1 for line in tail)
-    return sizes, [f"dropped exchange {last[0].n}: {held} of its {last[0].readings} rows had been written"]
+    return sizes, [f"dropped exchange {number}: {held} of its {said} rows had been written"]
 
 
 def _cut(path: Path, torn: int) -> bytes:

@@ -80,7 +80,8 @@ class RunWriter:
             writer._open(EVENTS, b"")
             if wire:
                 writer._open(WIRE, b"")
-            write_whole(folder / START, dump(start))
+            # Hidden where the next run is made: nothing is ever written again into a run that never began.
+            write_whole(folder / START, dump(start), folder.parent)
             sync_folder(folder.parent)
         except BaseException:
             writer.close()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import os
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from calibration.fit.fit import Fit
 from calibration.fit.whole import WholeFit
 from calibration.unknowns.priors import Unknown, draw, values_of
+from rig.recording.files import beside
 from spinbench.extras import need
 
 if TYPE_CHECKING:
@@ -59,12 +59,9 @@ def write_netcdf(found: Fit | WholeFit, path: Path) -> Path:
     """Write both groups to a file; what stands there is replaced, once the new one is whole."""
     data = inference_data(found)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        data.to_netcdf(str(part), engine="h5netcdf")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with beside(path.parent) as hidden:
+        data.to_netcdf(str(hidden / path.name), engine="h5netcdf")
+        (hidden / path.name).replace(path)
     return path
 
 

@@ -13,7 +13,7 @@ from calibration.challenge.campaign.layout import CAMPAIGN, HASHES, SECOND_RIG, 
 from calibration.challenge.campaign.sealing import is_sealed, open_seal, seal
 from calibration.work.many import Item, Tell, run_many
 from calibration.work.sources import scorer_sha256
-from rig.recording.files import write_file
+from rig.recording.files import beside, write_file
 
 SEED_BITS = 53  # a seed that no one chose; whole in every reader of JSON
 MOST_DRAWS = 1000  # truths looked at for one of the category asked for
@@ -105,13 +105,14 @@ def _resumed(
 
 def _make_one(maker: str, argument: dict[str, Any]) -> dict[str, Any]:
     folder = Path(argument["folder"])
-    beside = folder.with_name(f".{folder.name}.making")
-    shutil.rmtree(beside, ignore_errors=True)
-    beside.mkdir(parents=True)
-    layout.maker_of(maker).make_recording(truth_of(maker, argument["truth"]), beside)
-    check_contents(beside)
-    shutil.rmtree(folder, ignore_errors=True)
-    beside.replace(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with beside(folder.parent) as hidden:
+        whole = hidden / folder.name
+        whole.mkdir()
+        layout.maker_of(maker).make_recording(truth_of(maker, argument["truth"]), whole)
+        check_contents(whole)
+        shutil.rmtree(folder, ignore_errors=True)
+        whole.replace(folder)
     return {"sha256": layout.recording_sha256(folder)}
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import uuid
 from pathlib import Path
 
 from rig.exchange.binary.apart import need
 from rig.exchange.samples import formats
+from rig.recording.files import beside
 from rig.recording.mistakes import shown
 from rig.runlog.folder import END, MAX_RECORD_BYTES, START, RunError, read_bytes
 from rig.runlog.reader import BEING_WRITTEN, Run
@@ -37,18 +36,16 @@ def export_samples(run: Run, file: Path) -> None:
     write, package = FORMATS[file.suffix.lower()]
     need(package)
     records = {name: read_bytes(run.folder / name, MAX_RECORD_BYTES) for name in (START, END)}
-    beside = file.with_name(f".{uuid.uuid4().hex}.writing{file.suffix}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write(run, records, beside)
-        with beside.open("rb") as written:
-            os.fsync(written.fileno())
-        beside.rename(file)
+        with beside(file.parent) as hidden:
+            whole = hidden / file.name
+            write(run, records, whole)
+            with whole.open("rb") as written:
+                os.fsync(written.fileno())
+            whole.rename(file)
     except RunError:
         raise
     except Exception as error:  # packages raise many things where a disk is full
         why = getattr(error, "strerror", None) or shown(str(error), 100) or type(error).__name__
         raise RunError(f"{file}: cannot be written ({why}); check the place and the space") from None
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink(missing_ok=True)

@@ -7,6 +7,7 @@ wraps (sequence, ticks, edge counter) is carried on here. docs/instruments.md de
 from __future__ import annotations
 
 import struct
+import sys
 from dataclasses import dataclass
 
 SYNC, EDGE, HEARTBEAT = 0xA5, 0x45, 0x48
@@ -123,7 +124,7 @@ class DeviceClock:
     """
 
     def __init__(self) -> None:
-        self._seen: tuple[int, int] | None = None  # arrival and offset of the quickest [ns]
+        self._seen = (0, sys.maxsize)  # arrival and offset of the quickest [ns]: any frame is quicker than none
         self._now_ns = 0
 
     def saw(self, arrival_ns: int, device_ns: int) -> None:
@@ -133,13 +134,14 @@ class DeviceClock:
         `device_ns`: when it was made, on the device's [ns].
         """
         self._now_ns = arrival_ns
-        if self._seen is None or arrival_ns - device_ns <= self.offset_ns:
+        if arrival_ns - device_ns <= self.offset_ns:
             self._seen = (arrival_ns, arrival_ns - device_ns)
 
     @property
     def offset_ns(self) -> int:
-        """The bench's time less the device's: no more than this, and close to it when the quickest frame came [ns]."""
-        if self._seen is None:
-            return 0
+        """The bench's time less the device's: no more than this, and close to it when the quickest frame came [ns].
+
+        Of a clock that has seen a frame.
+        """
         arrival_ns, offset_ns = self._seen
         return offset_ns + int(CRYSTALS_PART * (self._now_ns - arrival_ns))

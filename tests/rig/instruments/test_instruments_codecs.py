@@ -19,6 +19,7 @@ from rig.lines import BadReplyError
 from rig.lines import modbus as wire
 from rig.readings import Quality
 from tests.instrument_peers import edge_bytes, lutron_bytes, read_instrument
+from tests.modbus_peer import rtu
 
 BAR = ChannelFile(unit="bar", lowest=0.0, highest=10.0)
 
@@ -323,6 +324,24 @@ def test_no_text_does_more_to_the_alicat_codec_than_be_refused(text):
     assert all(math.isfinite(float(field)) for field in fields.values())
 
 
+def test_the_coils_of_the_modbus_specification_s_example():
+    request = wire.Request(0x11, wire.READ_COILS, 0x13, 0x13)
+    assert wire.encode(request, "rtu", 0) == rtu(bytes.fromhex("11 01 00 13 00 13"))
+    found = wire.decode(request, "rtu", 0, rtu(bytes.fromhex("11 01 03 CD 6B 05")))
+    assert "".join(map(str, found)) == "1011001111010110101"  # 27 to 20 are CD, the first coil its lowest bit
+
+
+@pytest.mark.parametrize(
+    ("code", "words"), [(6, "wait until it has started"), (10, "the gateway"), (11, "the gateway")]
+)
+def test_what_to_do_about_a_busy_device_depends_on_who_says_so(code, words):
+    request = wire.Request(1, wire.READ_HOLDING, 0)
+    with pytest.raises(wire.RefusedError) as refused:
+        wire.decode(request, "rtu", 0, rtu(bytes([1, 0x83, code])))
+    assert refused.value.is_busy
+    assert words in refused.value.while_busy
+
+
 # Generic text.
 
 
@@ -355,6 +374,14 @@ def test_a_line_of_another_form_is_damaged(line):
 
 def test_a_word_may_stand_for_over_range():
     assert decode_text(b"OL rpm", over_range=["OL"]).value == math.inf
+
+
+def test_a_word_may_stand_for_under_range_or_a_fault():
+    marks = {"under_range": ["UR"], "invalid": ["Err"]}
+    assert decode_text(b"UR rpm", **marks).value == -math.inf
+    assert decode_text(b"UR rpm", **marks, scale=-1.0).value == math.inf
+    fault = decode_text(b"Err rpm", **marks)
+    assert (fault.value, fault.quality, fault.detail) == (None, Quality.EXCEPTION, "the device reports a fault: 'Err'")
 
 
 @pytest.mark.parametrize(("number", "quality"), [("9.9E37", Quality.OVER_RANGE), ("-9.9e+37", Quality.OVER_RANGE)])
@@ -585,6 +612,12 @@ def test_no_line_does_more_to_the_entry_codec_than_be_refused(line):
         ("keller_30x_abs", ("[channels.temperature_c]", "[channels.temp]"), "channels.temp: a Keller 30X has"),
         ("edge_counter_20", ("teeth = 20", "teeth = 0"), "'teeth'"),
         ("adam_4024_regulator", ("code = 0x30", "code = 0x31"), "the same code stands twice"),
+        ("adam_4024_regulator", ("low_counts = ", "low_counts = 10000\n#"), "low_counts lies below high_counts"),
+        (
+            "alicat_pc_modbus",
+            ("[channels.pressure_bar_abs]", "[channels.speed_rpm]"),
+            "channels.speed_rpm: the names begin",
+        ),
         ("alicat_pc_ascii", ('"setpoint"]', '"-"]'), "layout: it holds pressure_bar_abs where"),
         ("alicat_pc_modbus", ('numbering = "from 1"\n', ""), "the key 'numbering' is missing"),
         ("manual_bench", ('"speed_rpm"]', '"speed"]'), "columns: "),
@@ -594,6 +627,21 @@ def test_no_line_does_more_to_the_entry_codec_than_be_refused(line):
         ("alicat_pc_ascii", ("lowest = 0.0\nhighest = 7.0\n", "lowest = 7.0\nhighest = 7.0\n"), "highest"),
         ("monarch_act3x", ("(?P<speed_rpm>", "(?P<speed>"), "its named groups are ['speed']"),
         ("monarch_act3x", ('refusals = ["ERR"]', 'identity_query = "@PI"'), "identity_query and identity_pattern"),
+        (
+            "monarch_act3x",
+            ('refusals = ["ERR"]', "identity_query = '@PI'\nidentity_pattern = '(?P<maker>\\w{1,9})'"),
+            "the one named group it may have is 'serial'",
+        ),
+        (
+            "keller_30x_abs",
+            ("[channels.temperature_c]", "[channels.pressure_bar_gauge]"),
+            "P1 is either absolute or gauge, not both",
+        ),
+        (
+            "lutron_tachometer",
+            ("[channels.speed_rpm]", "[channels.temperature_c]\nunit = 'degC'\ndisplay = '1'\n[channels.speed_rpm]"),
+            "two of them name the same display",
+        ),
     ],
 )
 def test_a_mistake_in_an_instrument_s_file_is_told_in_a_line(name, change, words):

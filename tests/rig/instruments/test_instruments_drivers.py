@@ -1,6 +1,7 @@
 """The drivers over real bytes: a scripted peer on a pty says what a good, a faulty and a strange device say."""
 
 import struct
+import threading
 
 import pytest
 
@@ -571,12 +572,24 @@ def test_the_echo_of_a_question_in_text_is_skipped_and_told_once_where_no_key_ex
     assert line.take_remarks() == []
 
 
+def test_the_echo_of_a_question_in_text_may_come_in_two_parts(bench):
+    driver = monarch()
+    line, _ = bench(driver, lambda request: [(0.0, request[:2]), (0.02, request[2:] + b"+0600.00\r\n")])
+    assert driver.poll(line)[0].value == 600.0
+
+
 def test_the_echo_alone_of_a_question_in_text_is_no_answer(bench):
     driver = alicat_driver()
     line, _ = bench(driver, lambda request: request)
     assert qualities(driver.poll(line))[0] == (None, Quality.TIMEOUT)
     with pytest.raises(NoReplyError, match="its own question, as an echo, and no answer"):
         driver.identify(line)
+
+
+def test_an_alicat_is_told_by_the_layout_of_its_frame(bench):
+    driver = alicat_driver()
+    line, _ = bench(driver, AlicatPeer())
+    assert "unit A (its frame has the layout" in driver.identify(line)
 
 
 def test_an_alicat_s_set_point_is_taken_over_a_line_that_echoes(bench):
@@ -617,6 +630,16 @@ def test_the_first_line_that_comes_unasked_is_dropped_and_the_newest_is_read(ben
     assert qualities(driver.poll(line)) == [(396.5, Quality.OK)]
 
 
+def test_where_the_first_line_that_comes_unasked_is_alone_the_next_is_waited_for(bench):
+    driver = monarch(query="")
+    line, peer = bench(driver)
+    peer.send(b"4.8\r\n")
+    later = threading.Timer(0.02, peer.send, [b"395.0\r\n"])
+    later.start()
+    assert qualities(driver.poll(line)) == [(395.0, Quality.UNVERIFIED)]
+    later.join()
+
+
 # Lutron.
 
 
@@ -646,6 +669,40 @@ def test_a_lutron_meter_set_to_another_unit_is_a_fault(bench):
     assert "unit code 08, not 19" in reading.detail
 
 
+def test_of_two_displays_one_may_be_silent_and_a_third_is_none_of_the_file(bench):
+    speed = read_instrument("lutron_tachometer").channels["speed_rpm"].model_dump()
+    driver = meter(channels={"speed_rpm": speed, "temperature_c": speed | {"unit": "degC", "display": "2"}})
+    line, peer = bench(driver)
+    peer.send(lutron_bytes(lutron.Frame("1", "08", 431.0), 1))
+    found, silent = driver.poll(line)
+    assert (found.value, silent.value, silent.quality) == (431.0, None, Quality.TIMEOUT)
+    assert "no frame of display 2" in silent.detail
+    peer.send(lutron_bytes(lutron.Frame("3", "08", 431.0), 1))
+    assert qualities(driver.poll(line)) == [(None, Quality.CRC)] * 2
+    peer.send(lutron_bytes(lutron.Frame("1", "08", 432.0), 1))
+    assert "its frames come; " in driver.identify(line)
+
+
+def test_a_meter_that_never_stops_sending_and_sends_no_frame_is_not_waited_for(bench):
+    driver = meter()
+    line, peer = bench(driver)
+    ended = threading.Event()
+
+    def send():
+        while not ended.wait(0.01):
+            peer.send(b"rubbish")
+
+    sending = threading.Thread(target=send)
+    sending.start()
+    try:
+        reading = driver.poll(line)[0]
+    finally:
+        ended.set()
+        sending.join()
+    assert reading.quality is Quality.CRC
+    assert "bytes in 0.1 s, and no whole frame among them" in reading.detail
+
+
 @pytest.mark.parametrize(("noise", "quality"), [(b"", Quality.TIMEOUT), (b"\x02garbage", Quality.CRC)])
 def test_a_meter_that_sends_no_frame_gives_no_value(bench, noise, quality):
     driver = meter()
@@ -670,6 +727,15 @@ def test_a_person_is_asked_again_until_the_entry_can_be_read(bench):
     assert (flow.value, flow.censored, flow.raw) == (10.0, -1, "<10")
     assert peer.requests[0].startswith(b"person: pressure_bar_abs [bar], flow_l_min [L/min], speed_rpm [rpm]")
     assert b"write the decimals after a dot" in peer.requests[1]
+
+
+def test_a_person_whose_entries_can_never_be_read_is_a_gap_that_says_why(bench):
+    driver = person(timeout_s=1.0)
+    line, peer = bench(driver, lambda prompt: b"two\n")
+    readings = driver.poll(line)
+    assert qualities(readings) == [(None, Quality.EXCEPTION)] * 3
+    assert f"{len(peer.requests)} entries could not be read; the last: " in readings[0].detail
+    assert "separated by spaces" in driver.identify(line)
 
 
 def test_what_is_typed_in_the_unit_of_a_face_is_logged_in_the_columns(bench):

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.runlog import RunError, RunWriter, read_run, repair, verify
+from rig.runlog.folder import Lock
 from rig.runlog.lines import torn_bytes
 from rig.runlog.listing import find_run, list_runs, summary
 from rig.runlog.rows import harmless
@@ -72,6 +73,27 @@ def test_a_line_torn_at_any_byte_is_left_out_and_said(small, tmp_path, name):
         assert sum(1 for _ in run.exchanges()) == 3 - (name == "wire.jsonl")
 
 
+def test_a_torn_line_of_more_than_a_megabyte_is_one(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"whole\n" + b"x" * 2_500_000)
+    assert torn_bytes(path) == 2_500_000
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("lines.MAX_LINE_BYTES", "samples.csv, line 1: longer than 2 bytes"),
+        ("samples.MAX_SAMPLES", "samples.csv: more than 2 rows"),
+        ("reader.MAX_EVENTS", "events.jsonl: more than 2 events"),
+        ("plateaus.MAX_PLATEAUS", "plateaus.csv, line 3: more than 2 plateaus"),
+    ],
+)
+def test_a_file_beyond_its_bound_is_refused(small, monkeypatch, limit, words):
+    monkeypatch.setattr(f"rig.runlog.{limit}", 2)
+    with pytest.raises(RunError, match=words):
+        read_run(small)
+
+
 @given(st.binary(max_size=400))
 def test_what_is_torn_ends_after_the_last_line_feed_that_is_not_followed_by_zeros_alone(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("torn") / "file"
@@ -116,6 +138,19 @@ def test_a_run_that_is_being_written_is_not_repaired(tmp_path):
     ):
         repair(writer.folder)
     assert not (writer.folder / "end.json").exists()
+
+
+def test_a_run_that_ends_as_its_repair_begins_is_left_as_it_is(tmp_path, monkeypatch):
+    with RunWriter.create(tmp_path, start_of()) as writer:
+
+        def ended_meanwhile(folder):
+            writer.end("finished")
+            return Lock(folder)
+
+        monkeypatch.setattr(sys.modules["rig.runlog.verify"], "Lock", ended_meanwhile)
+        assert repair(writer.folder) == ["the run has an end record; nothing to repair"]
+    run = read_run(writer.folder)
+    assert (run.state, run.sealed) == ("finished", True)
 
 
 def test_a_run_that_is_damaged_inside_is_not_repaired(killed):
@@ -182,6 +217,24 @@ def test_verify_says_that_a_run_was_killed(killed):
     assert verify(killed) == ["no end record: the run was killed; `spinbench runs repair` seals what there is"]
 
 
+def test_verify_names_the_damaged_line_of_the_wire_after_that_of_any_other_file(killed):
+    spoil(killed / "wire.jsonl", b'"n":2', b'"n":3')
+    wire = f"{killed / 'wire.jsonl'}, line 2: its number is 3; lines are missing or not in order"
+    assert verify(killed) == [wire]
+    with pytest.raises(RunError, match=re.escape(wire)):
+        repair(killed)
+    spoil(killed / "plateaus.csv", b",up,", b",sideways,")
+    assert verify(killed) == [
+        f"{killed / 'plateaus.csv'}, line 2, column direction: 'sideways': expected up, down or an empty cell"
+    ]
+
+
+def test_verify_finds_rows_beyond_the_wire(killed):
+    lines = (killed / "wire.jsonl").read_bytes().splitlines(keepends=True)
+    (killed / "wire.jsonl").write_bytes(b"".join(lines[:-1]))
+    assert verify(killed)[1] == f"samples.csv: rows of exchange {len(lines)}, but wire.jsonl ends with {len(lines) - 1}"
+
+
 def test_verify_finds_a_source_whose_text_is_not_that_of_its_hash(tmp_path):
     text = "levels = [1, 2]"
     source = {"sha256": hashlib.sha256(text.encode()).hexdigest(), "text": text}
@@ -210,6 +263,8 @@ WRONG = [
     ("plateaus.csv", b"n,level", b"m,level", "plateaus.csv, line 1: not the header"),
     ("plateaus.csv", b"\n1,", b"\none,", "'one' is not a whole number"),
     ("plateaus.csv", b",up,", b",up,up,", "plateaus.csv, line 2: "),
+    ("plateaus.csv", b"\n1,", b"\n1,x", "plateaus.csv, line 2, column level_bar_abs: 'x1"),
+    ("plateaus.csv", b"\n1,", b"\n1,<", "plateaus.csv, line 2, column level_bar_abs: '<1"),
     ("plateaus.csv", b",up,", b",\xff,", "plateaus.csv, line 2: not a row of CSV in UTF-8"),
 ]
 

@@ -5,9 +5,12 @@ import os
 import numpy as np
 import pytest
 
+from rig.acquisition.derived import CHANNEL as DERIVED_CHANNEL
+from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
+from rig.readings import Quality
 from rig.runlog import RunError, RunWriter, read_run
 from rig.runlog.folder import writer_of
-from rig.runlog.tail import BINS, KEPT_EVENTS, Bins, Tail
+from rig.runlog.tail import BINS, KEPT_EVENTS, SCALES, Bins, Tail
 from tests.synthetic_runs import PRESSURE, SPEED, poll, start_of, write_sweep
 
 
@@ -61,6 +64,39 @@ def test_a_replay_sees_nothing_of_what_comes_later(tmp_path):
     assert tail.now_s <= middle_s
     tail.advance(1e9)
     assert (tail.state, len(tail.plateaus)) == ("finished", len(run.plateaus))
+
+
+def test_bins_of_nothing_are_none_and_those_of_years_end_at_the_coarsest():
+    assert Bins().last(0.0, 1.0) == []
+    bins, day_s = Bins(), 86_400.0
+    for day in range(3 * SCALES):
+        bins.add(day * day_s, float(day))
+    assert [low for _, low, _ in bins.last(0.0, 1000 * day_s)] == [float(day) for day in range(3 * SCALES)]
+
+
+def test_a_bench_without_a_flow_meter_and_readings_without_a_role_or_a_value_are_followed(tmp_path):
+    with RunWriter.create(tmp_path, start_of(roles={"speed": "tach.speed_rpm"})) as writer:
+        writer.exchange(poll("tach", {SPEED: 300.0, "angle_rad": 1.0}, 1_000_000_000))
+        writer.exchange(poll("tach", {SPEED: None}, 2_000_000_000, quality=Quality.TIMEOUT))
+        writer.event("warning", 2_000_000_000, text="hot")
+        writer.event("set-point", 2_000_000_000, pressure_bar_abs=2.0)
+        tail = Tail(writer.folder)
+        tail.advance()
+    assert (tail.samples, set(tail.newest)) == (3, {"speed"})
+    assert (tail.newest["speed"].value, tail.newest["speed"].usable) == (None, False)
+    assert [low for _, low, _ in tail.bins["speed"].last(0.0, 2.0)] == [300.0]
+    assert [event.event for event in tail.alarms] == [event.event for event in tail.events] == ["warning"]
+    assert tail.details("course") == {}
+
+
+@pytest.mark.parametrize("flow", [f"{DERIVED_DEVICE}.{DERIVED_CHANNEL}", "meter.flow_sl_min"])
+def test_the_flow_is_that_at_the_inlet_and_no_standard_litres(tmp_path, flow):
+    with RunWriter.create(tmp_path, start_of(roles={"flow": flow})) as writer:
+        writer.exchange(poll(DERIVED_DEVICE, {DERIVED_CHANNEL: 72.0}, 1_000_000_000))
+        writer.exchange(poll("meter", {"flow_sl_min": 110.0}, 2_000_000_000))
+        tail = Tail(writer.folder)
+        tail.advance()
+    assert tail.newest["flow"].value == 72.0
 
 
 def test_bins_hold_the_lowest_and_highest_of_every_stretch_in_bounded_memory():

@@ -19,9 +19,10 @@ import pytest
 from rig.bench.bench import read_bench
 from rig.clock import Clock
 from rig.readings import NS, Event, Exchange, Quality
-from rig.runlog import RunError, RunWriter, lines, read_run, start_record, verify
+from rig.runlog import RunError, RunWriter, columns_of, lines, read_run, start_record, verify
 from rig.runlog.folder import Lock, is_locked
 from rig.runlog.listing import list_runs
+from rig.runlog.schema import ClockRecord
 from tests.synthetic_runs import UTC_START_NS, Bench, poll, reading, start_of, write_sweep
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -136,7 +137,9 @@ def test_a_bench_s_name_cannot_lead_out_of_the_folder(tmp_path):
 def test_an_event_holds_what_json_can(tmp_path):
     with new_writer(tmp_path) as writer:
         writer.event("statistics", NS, n="mine", rate=float("nan"), quality=Quality.OK, many=range(3), path=Path("a"))
-    (event,) = read_run(writer.folder).events
+        writer.event("levels", NS, bar_abs=[1.5, {"too high": None}])
+    event, levels = read_run(writer.folder).events
+    assert levels.details == {"bar_abs": [1.5, {"too high": None}]}
     assert (event.n, event.time_s, event.event) == (1, 1.0, "statistics")
     assert event.details == {"n_": "mine", "rate": "nan", "quality": "ok", "many": "range(0, 3)", "path": "a"}
 
@@ -156,6 +159,34 @@ def test_a_later_row_replaces_a_plateau_or_takes_it_back(tmp_path):
 def test_a_plateau_column_that_is_none_is_refused(tmp_path):
     with new_writer(tmp_path) as writer, pytest.raises(RunError, match="no column is called speed_rps"):
         writer.plateau({"n": 1, "speed_rps": 4.0})
+
+
+def test_a_plateau_s_mean_is_a_number_or_none(tmp_path):
+    with new_writer(tmp_path) as writer:
+        writer.plateau({"n": 1, "speed_rpm": float("nan"), "flow_l_min": 72.0})
+        with pytest.raises(RunError, match="plateau column speed_rpm: 'fast' is not a number"):
+            writer.plateau({"n": 2, "speed_rpm": "fast"})
+    (plateau,) = read_run(writer.folder).plateaus
+    assert list(plateau.means) == ["flow_l_min"]
+
+
+def test_the_pressure_of_a_gauge_has_a_column_of_its_own():
+    columns = columns_of({"pressure": "gauge.pressure_bar_gauge", "speed": "tach.speed_rpm"})
+    assert columns == {"pressure": "pressure_bar_gauge", "speed": "speed_rpm"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "taken"),
+    [
+        ({}, "2026-05-28T20:26:40.000000Z"),
+        ({"clock": ClockRecord(utc_start_ns=UTC_START_NS, rate=10.0)}, "2026-05-28"),
+        ({"imported": {"date": "1998"}}, "1998"),
+        ({"imported": {"title": "old data"}}, ""),
+    ],
+)
+def test_a_run_was_taken_at_its_start_on_its_day_or_when_its_source_says(tmp_path, changes, taken):
+    with new_writer(tmp_path, **changes) as writer:
+        assert read_run(writer.folder).start.taken == taken
 
 
 def test_a_closed_run_takes_nothing_more(tmp_path):
