@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc nulls follow-ups evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures site pages house lock \
+.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc sbc-strata nulls follow-ups evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures site pages house lock \
   clean clean-cache
 
 help:
@@ -37,6 +37,7 @@ help:
 	@echo "make docs-commands   every command of README and docs as it stands there, on fresh copies (a campaign)"
 	@echo "make chain   from bytes to a verdict on benches of many kinds, and on benches that conceal something (hours)"
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
+	@echo "make sbc-strata   the same of Laplace's intervals in strata, and against emcee (a campaign, resumable)"
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
 	@echo "make follow-ups   what recommended tests promise against what they give, on 100 cases (hours, resumable)"
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
@@ -143,6 +144,9 @@ chain: $(STAMP)
 
 sbc: $(STAMP)
 	$(ONE_THREAD) $(BIN)/python -m calibration.studies.sbc -o $(OUT)/sbc --page docs/figures
+
+sbc-strata: $(STAMP)
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.strata -o $(OUT)/sbc_strata --page docs/figures
 
 # PAGE=docs/follow_ups also writes the page there.
 follow-ups: $(STAMP)

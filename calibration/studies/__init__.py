@@ -5,5 +5,6 @@ evidence, evidence_page, evidence_target, evidence_reference
                                    the evidence that sets are weighed by, against sampling
 follow_ups                         what tests that are asked for promise, and what they give
 sbc                                simulation-based calibration of the fit
+strata, strata_draw, strata_table  the same of the most probable point and its spread, in strata, and against emcee
 campaigns                          the one runner of all
 """
