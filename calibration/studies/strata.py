@@ -39,7 +39,7 @@ from calibration.work.sources import DIAGNOSIS
 DRAWS = 63  # that a log likelihood is ranked among
 POOL = 4096  # of which they are chosen, by what the longer tails and the bounds say
 SWEEPS, WITH_RUNS, EMCEE = 200, 60, 50
-SETTINGS = {"effective_samples": 500, "most_steps": 400}
+SETTINGS = {"effective_samples": 500, "most_steps": 2000}
 EMCEE_STRATA = ("sweep", "sweep_effect", "two_days", "sweep_effect", "runs") * 2 + ("runs_effect",)  # in turn
 EMCEE_SEEDS = 50_000  # from the first on, of cases that emcee samples
 

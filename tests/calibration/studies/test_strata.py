@@ -80,9 +80,8 @@ def test_the_band_holds_uniform_ranks_and_not_those_of_intervals_too_narrow():
 
 @pytest.mark.long
 def test_emcee_has_the_same_f_overall_of_a_sweep():
-    row = calibrate({"stratum": "sweep", "seed": SEED, "emcee": True})
-    (against,) = strata_table.summary([row | {"name": "sweep", "error": "", "seconds": 1.0}], SEED, "")["emcee"][
-        "against"
-    ]
+    row = calibrate({"stratum": "sweep", "seed": 650_000, "emcee": True})
+    found = strata_table.summary([row | {"name": "sweep", "error": "", "seconds": 1.0}], SEED, "")
+    (against,) = found["emcee"]["against"]
     assert abs(against["means_apart"]) < 0.5
     assert against["sd_ratio"] == pytest.approx(1.0, abs=0.3)
