@@ -12,9 +12,9 @@ SHARED = ROOT.parent / "shared"
 STEADY = "time_s,pressure_bar_abs,flow_l_min,speed_rpm\n"
 
 
-def steady(*times, name="sweep.csv", start_s=None, kind="steady"):
+def steady(*times, name="sweep.csv", start_s=None, kind="steady", lowest_rpm=60):
     """A file of plateaus, or zero rows, at these times."""
-    rows = "".join(f"{time},1.{i + 2},{8 * i + 9},{50 * i + 60}\n" for i, time in enumerate(times))
+    rows = "".join(f"{time},1.{i + 2},{8 * i + 9},{50 * i + lowest_rpm}\n" for i, time in enumerate(times))
     return name, kind, start_s, STEADY + rows
 
 
@@ -134,8 +134,8 @@ TAKEN = '[origin]\ndate = "{date}"\n[channels.speed_rpm]\nnoise_sd = 0.4\nserial
 def both(folder, first, second, serials=("T-7", "T-7")):
     """Two recordings of 80 s each, taken at these dates."""
     return [
-        put(folder / name, steady(0, 40, 80), more=TAKEN.format(date=date, serial=serial))
-        for name, date, serial in zip(("monday", "friday"), (first, second), serials, strict=True)
+        put(folder / name, steady(0, 40, 80, lowest_rpm=rpm), more=TAKEN.format(date=date, serial=serial))
+        for name, date, serial, rpm in zip(("monday", "friday"), (first, second), serials, (60, 61), strict=True)
     ]
 
 
