@@ -192,8 +192,10 @@ def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) ->
     from rig.recording import RecordingError
 
     def is_same(one: Recording, other: Recording) -> bool:
-        is_copy = one.sha256 != "" and one.sha256 == other.sha256
-        return one.folder.resolve() == other.folder.resolve() or is_copy or bool(_read_in(one) & _read_in(other))
+        if one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256):
+            return True
+        dates = {recording.origin.get("date", "") for recording in (one, other)} - {""}
+        return len(dates) < 2 and bool(_read_in(one) & _read_in(other))  # of two dates they are said to be two
 
     for i, one in enumerate(parts):
         if unseen is not None and is_same(one, unseen):
