@@ -203,10 +203,11 @@ def _refuse_far_out(target: Integrated, are_several: bool) -> None:
         if abs(z) > most
     ]
     if far:
+        compare = "see by `spinbench compare` whether the motor changed from one to the other, or "
+        changed = compare if are_several else ""
         raise NoPeakError(
-            f"the most probable point is too far out for a fit: {', '.join(far)}; "
-            + ("see by `spinbench compare` whether the motor changed from one to the other, or " * are_several)
-            + "leave out the readings that ask for it by --without FILE"
+            f"the most probable point is too far out for a fit: {', '.join(far)}; {changed}leave out the readings that "
+            "ask for it by --without FILE"
         )
 
 

@@ -14,6 +14,7 @@ import argparse
 import sys
 import time
 from collections.abc import Mapping
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -192,8 +193,9 @@ def items_of(given: argparse.Namespace, code: str) -> list[Item]:
     of_emcee = [name for name in EMCEE_STRATA if name in strata]
     if of_emcee:
         cases += [(of_emcee[k % len(of_emcee)], first + EMCEE_SEEDS + k, True) for k in range(given.emcee)]
+    mark = sha256(f"{code} {SETTINGS} {DRAWS} {POOL}".encode()).hexdigest()
     return [
-        Item(f"{name}-{seed}", {"stratum": name, "seed": seed, "emcee": emcee}, code) for name, seed, emcee in cases
+        Item(f"{name}-{seed}", {"stratum": name, "seed": seed, "emcee": emcee}, mark) for name, seed, emcee in cases
     ]
 
 

@@ -16,6 +16,7 @@ from calibration.systems.several.comparison import Several
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError, read_recording, write_recording
 from tests.documents import check
+from tests.synthetic_runs import write_sweep
 
 FRICTION = {"coulomb_friction": {"torque_nm": 0.08}}
 ROTOR = read_motor("ptm3600").si("inertia")
@@ -247,6 +248,15 @@ def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, spinbench_
     assert BAD[name] in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists() and not (tmp_path / "out.json").exists()
+
+
+def test_a_run_beside_its_own_export_is_refused(tmp_path: Path, spinbench_here) -> None:
+    swept = write_sweep(tmp_path / "logs")
+    assert spinbench_here("runs", "export", swept, "-o", "exported", cwd=tmp_path).returncode == 0
+    done = spinbench_here("diagnose", swept, "exported", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert "a recording is given twice" in done.stderr.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_run_is_not_predicted_from_several_recordings_of_different_days(two_days: Path, spinbench_here) -> None:
