@@ -19,7 +19,7 @@ class Lab:
 
     def __init__(self):
         self.now_ns = 0
-        self.stops, self.answer, self.set_ns, self.set_again = 0, None, None, False
+        self.stops, self.answer, self.set_ns, self.set_unsure = 0, None, None, ""
         self.set_bar = AMBIENT
         self.pressure, self.speed = AMBIENT, 0.0
         self.tau_pressure_s = 0.3
@@ -146,14 +146,17 @@ class LabAcquisition:
         self.bench, self.lab = bench, Lab()
         self.clock = LabClock(self.lab)
         self.commands, self.events, self.plateaus = [], [], []
+        self.orders = []  # when set-points were written [s], and which
         self.dead_regulator = False
         self.unheard = 0  # how many set-points are taken, and the reply is lost
+        self.answer_s = 0.0  # how long the regulator takes to answer
         self.busy_s = 0.0  # for so long another device holds the line before a set-point goes over it
         self.before = {}  # a function of this, called once at the event of that name
 
     def command(self, device, action, argument=None, wait_s=5.0, take_back=True):
         self.commands.append((device, action, argument))
         if action == "write":
+            self.orders.append((self.lab.now_ns / NS, argument))
             if self.dead_regulator:
                 raise LostError("line bus: nothing within 0.3 s")
             if self.busy_s:
@@ -163,7 +166,10 @@ class LabAcquisition:
                 self.unheard -= 1
                 self.clock.sleep(0.3)
                 raise LostError("line bus: nothing within 0.3 s")
-        return Exchange("bus", device, action, argument, (Event("tx", self.lab.now_ns),))
+        asked = Event("tx", self.lab.now_ns)
+        if action == "write" and self.answer_s:
+            self.clock.sleep(self.answer_s)
+        return Exchange("bus", device, action, argument, (asked, Event("rx", self.lab.now_ns)))
 
     def hurry(self, device):
         self.commands.append((device, "hurry", None))

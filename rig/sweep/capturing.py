@@ -11,9 +11,6 @@ from rig.sweep.orders import VENTED, Ask, CaptureEnd, CaptureStart, Order, Say, 
 
 LEAD_S = 0.5  # recorded before the event
 REST_TIMEOUT_S = 30.0
-MOMENT_UNKNOWN = (
-    "the regulator took its set-point only when it was told again, so it is not known when the pressure began to change"
-)
 LONGEST_WAIT_S = 30.0  # how long a coast-down waits for the line to be vented and the rotor to stand
 
 
@@ -60,9 +57,9 @@ class Capturing:
             self._event_ns = now_ns  # the person has the valve in hand: it is moved within this second
             return []
         if view.set_ns is not None and view.set_ns > self._event_ns and not self._moved:
-            if view.set_again:
-                self.over, self.lost = True, MOMENT_UNKNOWN
-                end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns, left_out=MOMENT_UNKNOWN)
+            if view.set_unsure:
+                self.over, self.lost = True, view.set_unsure
+                end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns, left_out=self.lost)
                 return [SetPressure(VENTED), end]
             self._event_ns, self._moved = view.set_ns, True  # the line was busy when the order was given
         passed_s = (now_ns - self._event_ns) / NS

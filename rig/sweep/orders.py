@@ -23,8 +23,8 @@ class View(Protocol):
 
     stops: int  # how often the operator has asked to stop
     answer: str | None  # to the last `Ask`, once
-    set_ns: int | None  # when the last set-point that was taken went over the wire [ns]
-    set_again: bool  # whether it took more than one try: the first may have been taken and not confirmed
+    set_ns: int | None  # when the last set-point was taken: half way from its order to the answer [ns]
+    set_unsure: str  # why that moment is not known; empty where it is
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
         """The usable readings between two times."""

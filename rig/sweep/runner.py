@@ -16,7 +16,7 @@ from rig.bench.bench import Bench
 from rig.bench.instrument import EdgeReader
 from rig.plateaus.plan import Step, SweepError
 from rig.plateaus.plateau import Plateau
-from rig.readings import NS, Reading
+from rig.readings import NS, Event, Reading
 from rig.runlog import columns_of
 from rig.runlog.schema import CAPTURE, ZERO, ending
 from rig.sweep.course import Course
@@ -41,6 +41,7 @@ PERIOD_REAL_S = 0.05  # between two looks at the bench
 CAPTURE_REAL_S = 0.01  # while every tooth is read
 COMMAND_REAL_S = 5.0
 VENT_TRIES = 3
+ANSWER_REAL_S = 0.4  # from an order to its answer, above which it is not known when the pressure began to change
 SET_TRIES = 2  # never blindly: the driver has read back that the first order was not taken
 
 
@@ -75,7 +76,7 @@ class BenchView:
         self.stops = 0
         self.answer: str | None = None
         self.set_ns: int | None = None
-        self.set_again = False
+        self.set_unsure = ""
 
     def window(self, channel: str, start_ns: int, end_ns: int) -> Window:
         """The usable readings between two times."""
@@ -188,8 +189,7 @@ class Runner:
                 fault = str(error)
             else:
                 self._dead = ""
-                self.view.set_ns = next((event.time_ns for event in done.events if event.kind == "tx"), None)
-                self.view.set_again = tried > 0
+                self.view.set_ns, self.view.set_unsure = _taken(done.events, tried > 0, self.clock.rate)
                 where = bar_abs if bar_abs != VENTED else None
                 self._note("set-point", device=self.regulator, value=value, bar_abs=where)
                 return True
@@ -245,6 +245,25 @@ class Runner:
 
     def _note(self, kind: str, **details: Any) -> None:
         self.acquisition.event(kind, None, **details)
+
+
+def _taken(events: Sequence[Event], again: bool, rate: float) -> tuple[int | None, str]:
+    """When a regulator took its set-point: half way from the order to the answer [ns]; and why that is not known.
+
+    `again`: whether it was told twice. `rate`: of the bench's clock [-].
+    """
+    orders = [i for i, event in enumerate(events) if event.kind == "tx"]
+    if not orders:
+        return None, ""
+    asked, *others = orders
+    answers = [event.time_ns for event in events[asked : others[0] if others else None] if event.kind == "rx"]
+    begun_ns, known_ns = events[asked].time_ns, answers[-1] if answers else events[asked].time_ns
+    took_s, why = (known_ns - begun_ns) / NS, ""
+    if again:
+        why = "the regulator took its set-point only when it was told again"
+    elif took_s > ANSWER_REAL_S * rate:
+        why = f"the regulator answered {took_s:.1f} s after it was told its set-point"
+    return (begun_ns + known_ns) // 2, why and f"{why}, so it is not known when the pressure began to change"
 
 
 def _zero_details(order: Zero) -> dict[str, Any]:

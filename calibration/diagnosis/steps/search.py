@@ -28,6 +28,7 @@ from calibration.work.step_clock import Tell
 
 SINGLES = 6  # most single effects refitted
 SINGLES_WITH_RUNS = 5  # ... where each takes seconds
+BESIDE = 6.6  # nats behind the best single within which another is refitted: a hundredth as probable, and DOUBT
 PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
@@ -95,6 +96,11 @@ class Search:
         if in_time:
             chosen += [job for job in jobs if comparison.problem.effect(job.names[0]).hidden and job not in chosen]
         self._refit(chosen)
+        if in_time:
+            gained = self.modes[self._best()].log_evidence - self.modes[()].log_evidence
+            if gained > worth:  # what may stand beside the best; the linear model is off by a few nats
+                near = [job for job, one in zip(jobs, ranked, strict=True) if one[1] > gained - BESIDE]
+                self._refit([job for job in near if job not in chosen])
         if in_time and len(self.modes) > 1:
             self._tell("refit the base model again")
             best = self._best()

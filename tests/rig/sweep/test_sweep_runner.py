@@ -208,6 +208,25 @@ def test_a_capture_whose_valve_may_have_moved_at_either_of_two_orders_is_taken_o
     assert second["event_s"] - second["start_s"] == pytest.approx(0.5, abs=0.2)
 
 
+def test_a_valve_has_moved_half_way_from_its_order_to_a_late_answer():
+    acquisition = capturing()
+    acquisition.before["capture start"] = lambda slow: setattr(slow, "answer_s", 0.3)
+    assert run(acquisition).outcome == "finished"
+    (end,) = [details for what, details in acquisition.events if what == "capture end"]
+    ordered = next(t for t, value in acquisition.orders if value == 0.0 and t >= end["start_s"])
+    assert end["event_s"] - ordered == pytest.approx(0.15, abs=0.01)
+
+
+def test_a_capture_whose_valve_answered_too_late_is_taken_once_more():
+    acquisition = capturing()
+    acquisition.before["capture start"] = lambda slow: setattr(slow, "answer_s", 0.6)
+    acquisition.before["capture end"] = lambda quick: setattr(quick, "answer_s", 0.0)
+    assert run(acquisition).outcome == "finished"
+    first, second = [details for what, details in acquisition.events if what == "capture end"]
+    assert first["left_out"].startswith("the regulator answered 0.6 s after it was told its set-point")
+    assert "left_out" not in second
+
+
 def test_a_capture_alone_that_is_lost_twice_is_a_run_that_failed():
     acquisition = capturing("spin-up")
     bench = acquisition.bench
