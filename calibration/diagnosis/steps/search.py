@@ -26,9 +26,10 @@ from calibration.unknowns.effects import unchanged
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import Tell
 
-SINGLES = 6  # most single effects refitted
-SINGLES_WITH_RUNS = 5  # ... where each takes seconds
-BESIDE = 6.6  # nats behind the best single within which another is refitted: a hundredth as probable, and DOUBT
+SINGLES = 6  # most single effects refitted at first
+# Nats that an effect may promise less than the best single one gained, to be refitted too: it may be a hundredth as
+# probable, and the linear model is off by two.
+BESIDE = 6.6
 PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
@@ -76,7 +77,9 @@ class Search:
         self._signatures: dict[Names, list[Signature]] = {}
 
     def singles(self, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH, every: bool = False) -> None:
-        """Refit the most promising single effects, with runs in time those that hide too, then the base model.
+        """Refit the most promising single effects and all that may stand beside the best, then the base model.
+
+        With runs in time those that hide are refitted too.
 
         `u`, shape (k,): the noise that the detection found [-].
         `worth`: log evidence gained in the linear model below which an effect is not refitted [-].
@@ -85,22 +88,20 @@ class Search:
         base, comparison = self.modes[()], self.comparison
         self._signatures[()] = list(found)
         in_time = comparison.in_time
-        most = SINGLES_WITH_RUNS if in_time else SINGLES
         ranked = screen(comparison, base, found, u, -math.inf)
         jobs = [_Job((name,), base, in_time, first) for name, _, first in ranked]
         chosen = (
             jobs
             if every or comparison.thorough
-            else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:most]
+            else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:SINGLES]
         )
         if in_time:
             chosen += [job for job in jobs if comparison.problem.effect(job.names[0]).hidden and job not in chosen]
         self._refit(chosen)
-        if in_time:
-            gained = self.modes[self._best()].log_evidence - self.modes[()].log_evidence
-            if gained > worth:  # what may stand beside the best; the linear model is off by a few nats
-                near = [job for job, one in zip(jobs, ranked, strict=True) if one[1] > gained - BESIDE]
-                self._refit([job for job in near if job not in chosen])
+        gained = self.modes[self._best()].log_evidence - base.log_evidence
+        if gained > worth:
+            near = [job for job, one in zip(jobs, ranked, strict=True) if one[1] > gained - BESIDE]
+            self._refit([job for job in near if job not in chosen])
         if in_time and len(self.modes) > 1:
             self._tell("refit the base model again")
             best = self._best()

@@ -220,6 +220,29 @@ def test_what_promises_far_less_than_a_member_is_worth_is_not_refitted(
     assert len(tried) == count
 
 
+def test_each_single_effect_that_may_stand_beside_the_best_is_refitted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six are refitted at first; of the others those that promise at most 6.6 nats less than the best has gained."""
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, 5, LEAK)))
+    base = base_of(comparison)
+    search = Search(comparison, base)
+    names = sorted(effect.id for effect in comparison.problem.effects_that_could())
+    promised = [*(9.0 - i for i in range(6)), -1.5, -1.7]
+    canned = [(name, gain, {}) for name, gain in zip(names, promised, strict=False)]
+    monkeypatch.setattr("calibration.diagnosis.steps.search.screen", lambda *_, **__: canned)
+    tried: list[str] = []
+
+    def gain_five(jobs: list[Any]) -> None:
+        for (name,) in (job.names for job in jobs):
+            tried.append(name)
+            search.modes[(name,)] = replace(base, names=(name,), log_evidence=base.log_evidence + 5.0)
+
+    monkeypatch.setattr(search, "_refit", gain_five)
+    search.singles([], base.u)
+    assert tried == names[:7]
+
+
 def test_what_the_pulses_add_is_much_the_same_near_by(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 2, {})
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 2, {})))
