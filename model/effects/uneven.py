@@ -78,7 +78,7 @@ def _shares(speed: np.ndarray, f: np.ndarray, J: np.ndarray, torque: np.ndarray)
             if abs(E - begun) < REPEATS * E:
                 break
             ended, kept = E, 0.0  # share of a difference at the start that is left after a turn
-            if turn > 0:
+            if turn > 0 and begun != begun_before:
                 kept = min(max((ended - ended_before) / (begun - begun_before), 0.0), MOST_KEPT)
             begun_before, ended_before = begun, ended
             E = max(begun + (ended - begun) / (1.0 - kept), 2.0 * least)

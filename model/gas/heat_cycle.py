@@ -1,8 +1,9 @@
 """What heat changes in the cycle of one cylinder at constant speed.
 
 The adiabatic part is known in closed form; heat shifts the closed pressures and the trapped mass a little. That shift
-is integrated by Gauss collocation over the six segments of the cycle, with the values at the points taken from the
-pass before (Picard), since `steady` passes several times anyway. The points never touch a dead centre, where the
+is integrated by Gauss collocation over the six segments of the cycle. The values at the points are those of the pass
+before (Picard), since `steady` passes several times anyway. Where much heat has long to act that would run away, and a
+step of Newton's is taken from them. The points never touch a dead centre, where the
 piston's speed and with it Eq. 19 fall to zero within an angle that no step would resolve. The speed at each point is
 the local one, ripple included: near the lowest pressure that decides a third of a per cent.
 
@@ -25,6 +26,7 @@ from model.gas.heat_transfer import COMPRESSION, DISCHARGE, EXPANSION, SUCTION, 
 SEGMENT_PORT = np.array([OUTLET, CLOSED, CLOSED, INLET, CLOSED, CLOSED])
 N_GAUSS = 4
 N_NODES = 6 * N_GAUSS
+STIFF = 1.0  # times that heat acts longer than it takes to settle, from which on a segment needs Newton's step
 # Columns; ARM_ROLL is roller friction's per f_r, and PHASE the point's angle within a pulse [rad].
 VOLUME, DVOLUME, SPEED, AREA, FLOW_RATIO, ARM_ROLL, ARM_GAS, V_POWER, LOG_V, SPAN, PHASE = range(11)
 N_NODE = 11
@@ -81,7 +83,7 @@ def place_nodes(
 
 
 @njit(error_model="numpy", cache=True)
-def heat_per_angle(
+def conductance_per_angle(
     phase: int,
     P: float,
     T: float,
@@ -91,7 +93,9 @@ def heat_per_angle(
     gas: np.ndarray,
     printed: bool,
 ) -> float:
-    """Heat into the gas per angle [J/rad]: `gas.heat_transfer.cylinder_heat` over omega, its powers joined in one.
+    """Heat into the gas per angle and kelvin that it is colder than the ambient [J/(rad K)].
+
+    It is `gas.heat_transfer.cylinder_heat` over omega, its powers joined in one.
 
     `phase`: row of Table 2.
     `P`, `T`, `omega`: pressure [Pa], temperature [K] and speed [rad/s].
@@ -116,7 +120,7 @@ def heat_per_angle(
     if not printed:
         wall /= node[AREA]
     resistance = 1.0 / (node[AREA] * parameters[at.H_A]) + wall + 1.0 / (node[AREA] * H_g)
-    return parameters[at.HEAT_FACTOR] * (parameters[at.T_A] - T) / (resistance * omega)
+    return parameters[at.HEAT_FACTOR] / (resistance * omega)
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
@@ -149,18 +153,19 @@ def pass_cycle(
     Returns `T`: the same temperature a cycle later [K]; `m_in`: mass taken from the inlet [kg]; `gas_work`: what heat
     adds to the gas's work in a cycle [J], before roller friction.
     """
-    R, cp, T_in = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_IN]
+    R, cp, T_in, T_a = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_IN], parameters[at.T_A]
     heated = readings[at.HEAT_TRANSFER] > 0.0
     printed = readings[at.WALL_AS_PRINTED] > 0.0
-    rate = np.empty(N_GAUSS)
+    rate, falls_by = np.empty(N_GAUSS), np.empty(N_GAUSS)
     work[:] = 0.0
 
     if heated:  # discharge: m cp dT/dpsi = dQ/dpsi, m = P V / (R T)
         for i in range(N_GAUSS):
             u = T + stage[i]
-            heat = heat_per_angle(DISCHARGE, P_d, u, omega[i], node[i], parameters, gas, printed)
-            rate[i] = R * u / (P_d * cp * node[i, VOLUME]) * heat
-        T += _collect(rate, node[0, SPAN], stage[:N_GAUSS])
+            K = conductance_per_angle(DISCHARGE, P_d, u, omega[i], node[i], parameters, gas, printed)
+            falls_by[i] = R * u / (P_d * cp * node[i, VOLUME]) * K
+            rate[i] = falls_by[i] * (T_a - u)
+        T += _collect(rate, falls_by, node[0, SPAN], stage[:N_GAUSS])
 
     m_before = P_d * V_low / (R * T)
     P, gas_work = _closed(
@@ -176,8 +181,10 @@ def pass_cycle(
             n = first + i
             u = m_open + P_s * (node[n, VOLUME] - V_low) / (R * T_in) + stage[n]
             T = P_s * node[n, VOLUME] / (u * R)
-            rate[i] = -heat_per_angle(SUCTION, P_s, T, omega[n], node[n], parameters, gas, printed) / (cp * T_in)
-        m += _collect(rate, node[first, SPAN], stage[first : first + N_GAUSS])
+            K = conductance_per_angle(SUCTION, P_s, T, omega[n], node[n], parameters, gas, printed)
+            rate[i] = -K * (T_a - T) / (cp * T_in)
+            falls_by[i] = K * T / (u * cp * T_in)
+        m += _collect(rate, falls_by, node[first, SPAN], stage[first : first + N_GAUSS])
 
     P, gas_2 = _closed(P_s, V_high, m, 4, table_gamma, omega, heated, printed, parameters, node, gas, stage, work)
     T, _ = open_port(P, P * V_high / (m * R), V_high, P_d, parameters[at.T_A], gas)
@@ -185,15 +192,43 @@ def pass_cycle(
 
 
 @njit(error_model="numpy", cache=True)
-def _collect(rate: np.ndarray, span: float, stage: np.ndarray) -> float:
-    """Integrate the rates at the points of a segment: renews ``stage``, returns the change over the segment."""
+def _collect(rate: np.ndarray, falls_by: np.ndarray, span: float, stage: np.ndarray) -> float:
+    """Integrate over a segment what changes at ``rate``, and returns the change.
+
+    `rate`, shape (4,): at the points, with what ``stage`` has added there; per angle.
+    `falls_by`, shape (4,): how much the rate falls with what is added [1/rad].
+    `stage`, shape (4,): renewed.
+    """
     total = 0.0
+    if span * np.max(falls_by) < STIFF:
+        for i in range(N_GAUSS):
+            added = 0.0
+            for j in range(N_GAUSS):
+                added += GAUSS_MATRIX[i, j] * rate[j]
+            stage[i] = span * added
+            total += GAUSS_WEIGHT[i] * rate[i]
+        return span * total
+    # (1 + span A diag(falls_by)) stage = span A (rate + falls_by stage)
+    matrix, value = np.empty((N_GAUSS, N_GAUSS)), np.empty(N_GAUSS)
     for i in range(N_GAUSS):
-        value = 0.0
+        value[i] = 0.0
         for j in range(N_GAUSS):
-            value += GAUSS_MATRIX[i, j] * rate[j]
-        stage[i] = span * value
-        total += GAUSS_WEIGHT[i] * rate[i]
+            weight = span * GAUSS_MATRIX[i, j]
+            value[i] += weight * (rate[j] + falls_by[j] * stage[j])
+            matrix[i, j] = weight * falls_by[j]
+        matrix[i, i] += 1.0
+    for i in range(N_GAUSS):  # the pivots stay above a half: heat only ever pulls towards the wall's temperature
+        for k in range(i + 1, N_GAUSS):
+            factor = matrix[k, i] / matrix[i, i]
+            for j in range(i + 1, N_GAUSS):
+                matrix[k, j] -= factor * matrix[i, j]
+            value[k] -= factor * value[i]
+    for i in range(N_GAUSS - 1, -1, -1):
+        for j in range(i + 1, N_GAUSS):
+            value[i] -= matrix[i, j] * value[j]
+        value[i] /= matrix[i, i]
+        total += GAUSS_WEIGHT[i] * (rate[i] - falls_by[i] * (value[i] - stage[i]))
+        stage[i] = value[i]
     return span * total
 
 
@@ -221,12 +256,12 @@ def _closed(
     """
     if not heated:
         return P, 0.0
-    R, cp = gas[at.GAS_R], gas[at.GAS_CP]
+    R, cp, T_a = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_A]
     gamma = cp / (cp - R)
     power = math.exp(gamma * math.log(V_end))
     added = 0.0
     gas_work = 0.0
-    rate, falls = np.empty(N_GAUSS), np.empty(N_GAUSS)
+    rate, falls, falls_by = np.empty(N_GAUSS), np.empty(N_GAUSS), np.empty(N_GAUSS)
     for segment in range(first, first + 2):
         begin = segment * N_GAUSS
         # The row of Table 2 follows the sign of dV, which the whole segment shares.
@@ -238,9 +273,11 @@ def _closed(
             x = (table_gamma - gamma) * node[n, LOG_V]  # below a hundredth, so that this is V^-gamma to 1e-9
             falls[i] = node[n, V_POWER] * (1.0 + x * (1.0 + x * (0.5 + x / 6.0)))
             p = (P * power + added + stage[n]) * falls[i]
-            heat = heat_per_angle(phase, p, p * V / (m * R), omega[n], node[n], parameters, gas, printed)
-            rate[i] = (gamma - 1.0) / (falls[i] * V) * heat
-        change = _collect(rate, span, stage[begin : begin + N_GAUSS])
+            T = p * V / (m * R)
+            K = conductance_per_angle(phase, p, T, omega[n], node[n], parameters, gas, printed)
+            rate[i] = (gamma - 1.0) / (falls[i] * V) * K * (T_a - T)
+            falls_by[i] = (gamma - 1.0) * K / (m * R)
+        change = _collect(rate, falls_by, span, stage[begin : begin + N_GAUSS])
         for i in range(N_GAUSS):
             n = begin + i
             pressure = span * GAUSS_WEIGHT[i] * (added + stage[n]) * falls[i]

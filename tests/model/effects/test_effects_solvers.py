@@ -128,6 +128,34 @@ def test_a_long_run_settles_where_the_steady_solver_says(chosen: Chosen) -> None
     assert flow == pytest.approx(found.flow[0], rel=1e-3)
 
 
+@pytest.mark.parametrize(("share", "bar_abs"), [(10.0, 1.185), (20.0, 1.22), (30.0, 1.3)])
+def test_much_heat_from_the_wall_stalls_no_slow_motor(share: float, bar_abs: float) -> None:
+    chosen = {"wall_heat_exchange": {"extra_share": share}}
+    pressure = np.array([bar_abs * 1e5])
+    found = points(chosen, pressures=pressure)
+    speed, flow = settled(chosen, pressure[0])
+    assert found.running[0]
+    assert speed == pytest.approx(found.speed[0], rel=2e-3)
+    assert flow == pytest.approx(found.flow[0], rel=2e-3)
+
+
+def test_a_state_is_found_for_any_heat_that_an_engineer_would_believe() -> None:
+    rng = np.random.default_rng(5)
+    pressure = 1e5 * rng.uniform(1.05, 4.0, 2000)
+    rows = np.repeat(MOTOR.vector()[None, :], pressure.size, axis=0)
+    rows[:, at.HEAT_FACTOR] = 1.0 + rng.uniform(0.0, 30.0, pressure.size)
+    rows[:, at.F_OVERALL] *= np.exp(rng.uniform(-1.0, 1.0, pressure.size))
+    out = steady.solve_rows(rows, MOTOR.readings.vector(), pressure, steady.gas_table(MOTOR, pressure))
+    assert not np.any(out[:, steady.STATUS] == steady.NOT_CONVERGED)
+
+
+def test_an_unbalance_that_a_motor_just_cannot_lift_is_one_that_stands() -> None:
+    pressures = 1e5 * np.arange(1.1, 1.6, 0.02)
+    found = points({"once_per_rev_torque": {"sine_nm": -4.0 / 3.0, "cosine_nm": 4.0 / 3.0}}, pressures=pressures)
+    assert np.array_equal(found.speed > 0.0, found.running)
+    assert not found.running[0]
+
+
 @pytest.mark.parametrize("torque_nm", [0.1, 0.3])
 def test_a_torque_fixed_to_the_shaft_slows_a_steady_motor(torque_nm: float) -> None:
     """It turns unevenly, and the slow part of a turn takes longer."""
