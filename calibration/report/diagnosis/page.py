@@ -17,7 +17,7 @@ from calibration.diagnosis.steps.verdict import VerdictKind
 from calibration.report import along_dates, style
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
-from calibration.report.fit.words import LEAST_P, figure, probability, rounded
+from calibration.report.fit.words import LEAST_P, figure, percent, probability, rounded
 from calibration.report.origin import origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row, title, titles
@@ -170,8 +170,8 @@ def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
     p = document["mismatch"]["p_value"]
     beyond = " (beyond the draws: from a fitted tail)" if document["mismatch"].get("beyond_the_draws") else ""
     if document["verdict"] == "consistent":
-        return f"A recording that the model explains would look worse than this one in {100 * p:.2g} % of all cases."
-    chance = f"{100 * p:.2g} %" if p >= LEAST_P else "less than one in a million"
+        return f"A recording that the model explains would look worse than this one in {percent(p)} of all cases."
+    chance = percent(p) if p >= LEAST_P else "less than one in a million"
     said = f"If nothing were left out, a mismatch as large would come by chance in {chance} of all cases{beyond}."
     if document["verdict"] == "unresolved":
         return said
