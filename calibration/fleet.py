@@ -106,15 +106,21 @@ def item_of(folder: Path, options: dict[str, Any]) -> Item:
     slug = re.sub(r"[^A-Za-z0-9._-]", "_", folder.resolve().name)[:60]
     contents = hashlib.sha256()
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
-        with path.open("rb") as stream:
-            contents.update(
-                f"{path.relative_to(folder)} {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode()
-            )
+        contents.update(f"{path.relative_to(folder)} {_sha256(path)}\n".encode(errors="surrogateescape"))
     for motors in configs.places("motors", folder)[1:]:  # a motor that the recording may name
         contents.update(b"".join(path.read_bytes() for path in sorted(motors.glob("*.toml"))))
     mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{imported_sha256(__name__)}"
     name = f"{slug}-{hashlib.sha256(place.encode()).hexdigest()[:8]}"
     return Item(name, {"folder": place, **options}, mark)
+
+
+def _sha256(path: Path) -> str:
+    """A file's hash; what cannot be read is told by who reads the recording."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        return f"unreadable: {error.strerror}"
 
 
 def _each(

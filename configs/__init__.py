@@ -9,10 +9,12 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pydantic
+from pydantic.fields import FieldInfo
 
 from configs.units import as_in_another_unit
 
@@ -22,6 +24,7 @@ PROJECT = "spinbench.toml"  # its folder is a project: it has folders of its own
 _NAME = re.compile(r"[A-Za-z0-9_.\-]{1,80}")
 
 Schema = TypeVar("Schema", bound=pydantic.BaseModel)
+Location = tuple[int | str, ...]  # keys, and places in lists from 0
 
 
 class ConfigError(ValueError):
@@ -122,23 +125,74 @@ def validate(schema: type[Schema], data: dict[str, Any], place: str) -> Schema:
     try:
         return schema.model_validate(data)
     except pydantic.ValidationError as error:
-        mistakes = [line for problem in error.errors(include_url=False) for line in _sentences(schema, problem)]
+        mistakes = _sentences(schema, data, error.errors(include_url=False))
         raise ConfigError("\n".join(f"{place}: {mistake}" for mistake in mistakes)) from None
 
 
-def _sentences(schema: type[pydantic.BaseModel], problem: Any) -> list[str]:
-    """One mistake, as pydantic found it, in one line; a check of the whole file may have found several."""
-    message = problem["msg"].removeprefix("Value error, ")
-    if not problem["loc"]:
-        return list(message.splitlines())
-    where = ".".join(str(part) for part in problem["loc"])
+def _sentences(schema: type[pydantic.BaseModel], data: dict[str, Any], problems: Sequence[Any]) -> list[str]:
+    """The mistakes that pydantic found, a line each; a check of the whole file may have found several."""
+    at: dict[Location, list[Any]] = {}
+    for problem in problems:
+        at.setdefault(_path(data, problem), []).append(problem)
+    lines = []
+    for path, found in at.items():
+        deeper = any(len(other) > len(path) and other[: len(path)] == path for other in at)
+        if not path:
+            lines += [line for problem in found for line in _said(problem).splitlines()]
+        elif not (deeper and len(found[0]["loc"]) > len(path)):  # of the kinds that a value may be, one was meant
+            lines.append(_sentence(schema, data, path, found))
+    return lines
+
+
+def _path(data: Any, problem: Any) -> Location:
+    """Where a mistake is in the data: its location without what pydantic adds for the kinds that a value may be of."""
+    path: list[int | str] = []
+    for part in problem["loc"]:
+        if part in data if isinstance(data, dict) else isinstance(data, list) and part in range(len(data)):
+            path.append(part)
+            data = data[part]
+    return (*path, problem["loc"][-1]) if problem["type"] == "missing" else tuple(path)
+
+
+def _sentence(schema: type[pydantic.BaseModel], data: dict[str, Any], path: Location, problems: Sequence[Any]) -> str:
+    """One mistake in one line: the place as its writer knows it, what is wrong, and what would be right."""
+    problem, name = problems[0], _name(data, path)
     if problem["type"] == "extra_forbidden":
-        return [f"unknown key '{where}'{_nearest(str(problem['loc'][-1]), _keys_at(schema, problem['loc'][:-1]))}"]
+        return f"unknown key {name}{_nearest(str(path[-1]), list(_fields(schema, path[:-1])))}"
     if problem["type"] == "missing":
-        return [f"the key '{where}' is missing"]
-    given = problem.get("input")
+        return f"the key {name} is missing"
+    said = " or ".join(dict.fromkeys(_said(one) for one in problems)).replace(" or should be", " or")
+    given = _value(data, path)
     shown = "" if isinstance(given, dict) or given is None else f" (given: {given!r:.60})"
-    return [f"'{where}': {message[:1].lower()}{message[1:]}{shown}{_meant(problem)}"]
+    wrong = f"{name} {said}{shown}" if said.startswith("should be ") else f"{name}: {said}{shown}"
+    return f"{wrong}{_meant(problem) or _left_out(_fields(schema, path[:-1]).get(str(path[-1])))}"
+
+
+def _said(problem: Any) -> str:
+    """What is wrong, in pydantic's words or in those of a check of ours."""
+    said = problem["msg"].removeprefix("Value error, ").removeprefix("Input ").replace(" after validation", "")
+    return re.sub("a valid dictionary( or instance of .*)?$", "a table", f"{said[:1].lower()}{said[1:]}")
+
+
+def _name(data: Any, path: Location) -> str:
+    """A place as its writer knows it: 'sweep.repeats'; 'kind' in [[files]] entry 2 (file = "run.csv")."""
+    last = max((i for i, part in enumerate(path) if isinstance(part, int)), default=None)
+    if last is None:
+        return f"'{'.'.join(map(str, path))}'"
+    number, entry, key = int(path[last]) + 1, _value(data, path[: last + 1]), path[last + 1 :]
+    if not isinstance(entry, dict):
+        return f"value {number} of {_name(data, path[:last])}"
+    texts = ((k, v) for k, v in entry.items() if isinstance(v, str) and k.isidentifier() and k not in key)
+    known_by = next((f" ({k:.60} = {v!r:.60})" for k, v in texts), "")
+    table = ".".join(part for part in path[:last] if isinstance(part, str))
+    where = f"[[{table}]] entry {number}{known_by}"
+    return f"'{'.'.join(map(str, key))}' in {where}" if key else where
+
+
+def _value(data: Any, path: Location) -> Any:
+    for part in path:
+        data = data[part]
+    return data
 
 
 def _meant(problem: Any) -> str:
@@ -149,13 +203,21 @@ def _meant(problem: Any) -> str:
     return f"; {meant}" if meant else ""
 
 
-def _keys_at(schema: Any, location: tuple[Any, ...]) -> list[str]:
+def _left_out(field: FieldInfo | None) -> str:
+    """That a key need not be there, and what is taken then."""
+    if field is None or field.is_required():
+        return ""
+    taken = f": {field.default!r} is taken then" if isinstance(field.default, str | int | float) else ""
+    return f"; or leave it out{taken}"
+
+
+def _fields(schema: Any, location: Location) -> Mapping[str, FieldInfo]:
     """The keys that the schema knows at a place, as far as it can be followed."""
     for part in location:
         field = schema.model_fields.get(part) if _is_schema(schema) else None
         schema = field.annotation if field is not None else _value_schema(schema)
     schema = schema if _is_schema(schema) else _value_schema(schema)
-    return list(schema.model_fields) if _is_schema(schema) else []
+    return schema.model_fields if _is_schema(schema) else {}
 
 
 def _is_schema(candidate: Any) -> bool:

@@ -45,10 +45,10 @@ def folder_named(named: Path, logs: Path) -> Path:
 
 
 def is_recording(folder: Path) -> bool:
-    """Whether a folder is a recording or a run."""
-    from rig.runlog.folder import START
+    """Whether a folder is a recording or a run, of a run what is left of it too."""
+    from rig.runlog.folder import END, START
 
-    return (folder / "recording.toml").is_file() or (folder / START).is_file()
+    return any((folder / name).is_file() for name in ("recording.toml", START, END))
 
 
 def is_swept(folder: Path) -> bool:
@@ -79,12 +79,15 @@ def date_stated(folder: Path) -> str:
     return str(origin.get("date", "")) if isinstance(origin, dict) else ""
 
 
-def read(path: Path, quiet: bool = False) -> Recording:
-    """A recording: a recording/1 folder, or what a run's plateaus and captures amount to, with remarks on it."""
-    from rig.recording import read_recording
-    from rig.runlog.folder import START
+def read(path: Path, quiet: bool = False, among_many: bool = False) -> Recording:
+    """A recording: a recording/1 folder, or what a run's plateaus and captures amount to, with remarks on it.
 
-    if not (path / START).exists():
+    `among_many`: the remarks have the folder's name.
+    """
+    from rig.recording import read_recording
+    from rig.runlog.folder import END, START
+
+    if not any((path / name).exists() for name in (START, END)):
         recording = read_recording(path)
         _check_written_out(recording)
         return recording
@@ -92,9 +95,28 @@ def read(path: Path, quiet: bool = False) -> Recording:
     from rig.runlog import read_run
 
     exported = recording_of(read_run(path))
+    whose = f"{path.name}: " if among_many else ""
     for words in exported.notes if not quiet else ():
-        print(f"spinbench: {words}", file=sys.stderr)
+        print(f"spinbench: {whose}{words}", file=sys.stderr)
     return exported.recording
+
+
+def read_sound(path: Path) -> Recording:
+    """One recording of many, whose remarks nobody may read.
+
+    Raises RunError for a sealed run whose readings are not as they were sealed: all that is wrong with it.
+    """
+    from rig.runlog.folder import EVENTS, PLATEAUS, SAMPLES, START, RunError
+    from rig.runlog.reader import read_end
+    from rig.runlog.verify import changed, verify
+
+    end = read_end(path)
+    if end is not None and changed(path, end, (START, SAMPLES, EVENTS, PLATEAUS)):
+        raise RunError(
+            f"not as it was sealed: {'; '.join(verify(path))}; take a sound copy or, where the change is meant, export "
+            "the run and name what that makes"
+        )
+    return read(path, among_many=True)
 
 
 def _check_written_out(recording: Recording) -> None:

@@ -17,6 +17,25 @@ SWITCHES = (
     "--disable-component-update --disable-sync --no-first-run"
 )
 
+# A word may end a line at its hyphens.
+MISFITS = r"""() => {
+  const lines = range => new Set([...range.getClientRects()].map(one => Math.round(one.top))).size;
+  const found = [];
+  for (const place of document.querySelectorAll(".wide"))
+    if (place.scrollWidth > place.clientWidth) found.push("wider than its place: " + place.innerText.slice(0, 60));
+  for (const cell of document.querySelectorAll("td, th")) {
+    const texts = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
+    while (texts.nextNode())
+      for (const word of texts.currentNode.data.matchAll(/[^\s-]+/g)) {
+        const range = document.createRange();
+        range.setStart(texts.currentNode, word.index);
+        range.setEnd(texts.currentNode, word.index + word[0].length);
+        if (lines(range) > 1) found.push("broken: " + word[0]);
+      }
+  }
+  return found;
+}"""
+
 
 def installed() -> str:
     """The browser of this machine; without one the test is skipped."""
@@ -37,6 +56,22 @@ def shown(page: bytes, folder: Path) -> np.ndarray:
     seen = imread(picture)[..., :3]
     assert seen.shape[:2] == (HEIGHT, WIDTH)
     return seen
+
+
+def misfits(page: bytes, folder: Path, width: int) -> list[str]:
+    """Tables of the page that are wider than their place at this width [px], and words in them that are broken."""
+    path = installed()
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    (folder / "report.html").write_bytes(page)
+    with api.sync_playwright() as made:
+        browser = made.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        window = browser.new_page(viewport={"width": width, "height": 1000})
+        window.goto((folder / "report.html").as_uri())
+        window.evaluate("document.querySelectorAll('details').forEach(part => part.open = true)")
+        assert window.locator(".wide table").count()
+        found: list[str] = window.evaluate(MISFITS)
+        browser.close()
+    return found
 
 
 def has_print(seen: np.ndarray) -> bool:

@@ -78,9 +78,7 @@ class EdgeCounter:
         line.tell(STOP_ORDER)
         line.drop()
         reply = repeated(lambda: line.ask(WHO, _identity_end, timing_of(self.settings, line)), 1)
-        match = IDENTITY.search(reply.data)
-        if match is None:
-            raise BadReplyError(f"{self.device}: not the identity of an edge counter: {reply.data[-64:]!r}")
+        match = cast("re.Match[bytes]", IDENTITY.search(reply.data))  # the reply ends with it
         serial, firmware = match[1].decode("ascii", "replace"), match[2].decode("ascii", "replace")
         teeth, tick_ns = int(match[3]), int(match[4])
         if teeth != self.settings.teeth or tick_ns == 0:

@@ -97,7 +97,7 @@ def _places(folder: Path, files: list[FileTable], toml: str, mistakes: Mistakes)
     places: dict[int, Path] = {}
     seen: dict[tuple[int, int], int] = {}
     for index, entry in enumerate(files):
-        where = f"{toml}, files entry {index + 1}"
+        where = f"{toml}, [[files]] entry {index + 1}"
         try:
             path = inside(folder, entry.file)
             identity = (path.stat().st_dev, path.stat().st_ino)

@@ -6,7 +6,7 @@ import hashlib
 import itertools
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rig.readings import NS
@@ -49,7 +49,7 @@ def verify(folder: Path) -> list[str]:
     findings = _strangers(folder)
     try:
         end = read_end(folder)
-        findings += _changed(folder, end) if end is not None else []
+        findings += changed(folder, end) if end is not None else []
         run = _Look(folder)
     except RunError as error:
         return [*findings, *str(error).splitlines()]
@@ -87,10 +87,10 @@ def _strangers(folder: Path) -> list[str]:
     ]
 
 
-def _changed(folder: Path, end: EndRecord) -> list[str]:
-    """What the hashes tell."""
+def changed(folder: Path, end: EndRecord, names: Sequence[str] = HASHED) -> list[str]:
+    """Which of a sealed run's files are not as the hashes of its end record say, in words."""
     findings = []
-    for name in HASHED:
+    for name in names:
         path, said = folder / name, end.sha256.get(name)
         there = path.exists() or path.is_symlink()
         if said is not None and not there:

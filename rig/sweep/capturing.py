@@ -65,7 +65,9 @@ class Capturing:
         passed_s = (now_ns - self._event_ns) / NS
         if passed_s < self.duration_s:
             return []
-        lost = judge.not_read(view, self._event_ns, now_ns)
+        # By hand the valve was moved some time before it was said: the rotor may stand by then.
+        since_ns = self._start_ns if self._by_hand else self._event_ns
+        lost = judge.not_read(view, self._event_ns, now_ns) or judge.not_turning(view, since_ns, now_ns)
         end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns, left_out=lost)
         if self.task.kind == "spin-up":
             self.over, self.lost = True, lost

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from rig.bench.bench import SweepTable
 from rig.plateaus.plateau import Mean, mean_of
 from rig.plateaus.settle import settled
@@ -73,6 +75,16 @@ def not_read(view: View, start_ns: int, end_ns: int) -> str:
         last = "" if reading is None else f" ({reading.name}; its last reading: {reading.quality})"
         return f"there is no reading of the {role}{last}"
     return ""
+
+
+def not_turning(view: View, start_ns: int, end_ns: int) -> str:
+    """That no reading of the speed between two times shows the rotor turning; empty when one does."""
+    read = view.window("speed", start_ns, end_ns)
+    if np.any((np.abs(read.value) >= AT_REST_RPM) & (read.censored >= 0)):
+        return ""
+    reading = view.last("speed")
+    name = "" if reading is None else f" ({reading.name})"
+    return f"the speed{name} shows no turning rotor; look whether it turns, and whether the tachometer sees it"
 
 
 def not_settled(view: View, table: SweepTable, since_ns: int, now_ns: int) -> str:

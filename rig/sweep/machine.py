@@ -318,7 +318,7 @@ class SweepMachine:
             self._lost.append(task)
             self._tasks.appendleft(task)
         elif not (self._tasks or self._made):
-            return self.fail(now_ns, what)
+            return self.fail(now_ns, f"{what}. What was read is kept; `spinbench doctor` examines the instruments")
         more = "; it is taken once more" if is_first else ""
         return [Say(what + more, warning=True), *self._enter(State.NEXT, now_ns)]
 

@@ -76,7 +76,8 @@ class VirtualServer:
         speaking = frozenset(name for name, device in self.served.items() if device.speaks == "modbus")
         self.faults.place = self.place = Place(devices_of, speaking)
         first = [
-            read_fault(table, self.place, f"{bench.name}: virtual.faults.{i}") for i, table in enumerate(virtual.faults)
+            read_fault(table, self.place, f"{bench.name}: [[virtual.faults]] entry {n}")
+            for n, table in enumerate(virtual.faults, start=1)
         ]
         self.loop = Loop(self.clock)
         self.buses = {name: self._bus(name, line) for name, line in lines.items()}

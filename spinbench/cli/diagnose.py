@@ -170,21 +170,27 @@ def _pages(page: Any, diagnosis: Any, found: Mapping[str, Any]) -> dict[str, byt
     """The report; of several recordings a page each, the one with the most plateaus as the report too."""
     from calibration.diagnosis.result import of_each_recording
 
-    def plateaus(name: str) -> int:
-        files = parts[name].comparison.problem.recording.files
-        return sum(file.rows for file in files if file.kind == "steady")
-
     parts = of_each_recording(diagnosis)
-    made = {name: page.report(one, found) for name, one in parts.items()}
-    main = made[max(parts, key=plateaus)]
-    if len(made) == 1:
-        return dict(main)
+    if len(parts) == 1:
+        return dict(page.report(*parts.values(), found))
+    recordings = {name: part.comparison.problem.recording for name, part in parts.items()}
+    stems = {name: f"report_{name.replace('/', '_')}" for name in parts}
+    made = {}
+    for name, part in parts.items():
+        links = [
+            page.OwnPage(other, f"{stems[other]}.html", page.holds(recordings[other]), other == name) for other in parts
+        ]
+        made[name] = page.report(part, found, links)
+
+    def plateaus(name: str) -> int:
+        return sum(file.rows for file in recordings[name].files if file.kind == "steady")
+
     further = {
-        file.replace("report", f"report_{name.replace('/', '_')}"): content
+        file.replace("report", stems[name]): content
         for name, written in made.items()
         for file, content in written.items()
     }
-    return dict(main) | further
+    return dict(made[max(parts, key=plateaus)]) | further
 
 
 def _told_by(found: Mapping[str, Any]) -> tuple[Any, Any, Any]:

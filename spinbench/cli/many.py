@@ -59,7 +59,9 @@ def fit(
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     processes = workers or os.cpu_count() or 1
     with bars() as begin:
-        rows = fleet.fit_all(found, readings.read, settings, steady_only, out, processes, scheduler, begin("fits"))
+        rows = fleet.fit_all(
+            found, readings.read_sound, settings, steady_only, out, processes, scheduler, begin("fits")
+        )
     figures = [(row.get("f_overall_mean"), row.get("f_overall_sd")) for row in rows]
     fits_well = {True: "yes", False: "no: do not rely on it", None: ""}
     shown = [
@@ -116,7 +118,7 @@ def _diagnosed(
     before = recordings_in(read_if_there(out / fleet.CSV))
     with bars() as begin:
         processes = workers or os.cpu_count() or 1
-        rows = fleet.diagnose_all(found, readings.read, seed, out, processes, scheduler, begin("diagnoses"))
+        rows = fleet.diagnose_all(found, readings.read_sound, seed, out, processes, scheduler, begin("diagnoses"))
     tell_replaced(out, before, [str(row["recording"]) for row in rows])
     return rows
 

@@ -124,8 +124,8 @@ def test_the_mistakes_of_a_file_are_reported_at_once_each_with_its_place(tmp_pat
         ("[parameters.wall_thickness]", "[parameters.wall_thicknes]"),
     )
     assert sorted(text.splitlines()) == [
-        "'parameters.cylinder_diameter.value': input should be a valid number (given: '24.03')",
-        "'readings.torque': input should be 'published' or 'virtual_work' (given: 'publishd')",
+        "'parameters.cylinder_diameter.value' should be a valid number (given: '24.03')",
+        "'readings.torque' should be 'published' or 'virtual_work' (given: 'publishd')",
         "the key 'parameters.wall_thickness' is missing",
         "the key 'readings.heat_transfer' is missing",
         "unknown key 'parameters.wall_thicknes'; did you mean 'wall_thickness'?",
@@ -149,10 +149,10 @@ def test_values_out_of_bounds_and_wrong_units_are_reported_at_once(tmp_path):
     ("old", "new", "message"),
     [
         ('name = "ptm3600"', 'name = "ptm3600"\nname = "other"', "the same key stands twice"),
-        ('format = "motor/1"', 'format = "motor/2"', "'format': input should be 'motor/1'"),
+        ('format = "motor/1"', 'format = "motor/2"', "'format' should be 'motor/1'"),
         ("value = 0.0625\n", "", "the key 'parameters.f_overall.value' is missing"),
         ('symbol = "Dp"', 'symbl = "Dp"', "unknown key 'parameters.cylinder_diameter.symbl'; did you mean 'symbol'?"),
-        ("value = 24.03", "value = inf", "'parameters.cylinder_diameter.value': input should be a finite number"),
+        ("value = 24.03", "value = inf", "'parameters.cylinder_diameter.value' should be a finite number"),
         ('name = "ptm3600"', 'name = "PTM 3600"', "'name': string should match pattern"),
     ],
 )
@@ -168,9 +168,9 @@ def test_one_mistake_one_sentence(tmp_path, old, new, message):
         ('kind = "lognormal", sd = 1.0', "a lognormal prior has factor, and nothing else"),
         ('kind = "loguniform", low = 1.0', "a loguniform prior has high and low, and nothing else"),
         ('kind = "loguniform", low = 2.0, high = 1.0', "low 2.0 is not below high 1.0"),
-        ('kind = "normal", sd = 0.0', "'parameters.port_lap.prior.sd': input should be greater than 0"),
-        ('kind = "lognormal", factor = 1.0', "'parameters.port_lap.prior.factor': input should be greater than 1"),
-        ('kind = "uniform"', "'parameters.port_lap.prior.kind': input should be 'normal'"),
+        ('kind = "normal", sd = 0.0', "'parameters.port_lap.prior.sd' should be greater than 0"),
+        ('kind = "lognormal", factor = 1.0', "'parameters.port_lap.prior.factor' should be greater than 1"),
+        ('kind = "uniform"', "'parameters.port_lap.prior.kind' should be 'normal'"),
     ],
 )
 def test_a_prior_has_the_figures_of_its_kind_and_no_others(tmp_path, prior, message):
@@ -236,8 +236,8 @@ def test_set_of_nothing_changes_nothing():
         ("f_overall=0,06", "--set f_overall: '0,06' is not a number"),
         ("f_overall=nan", "--set f_overall: 'nan' is not a finite number"),
         ("f_overall=99", "parameters.f_overall: 99 N m s is outside 0.0001..10 N m s"),
-        ("torque=eq25", "'readings.torque': input should be 'published' or 'virtual_work' (given: 'eq25')"),
-        ("heat_transfer=maybe", "'readings.heat_transfer': input should be a valid boolean"),
+        ("torque=eq25", "'readings.torque' should be 'published' or 'virtual_work' (given: 'eq25')"),
+        ("heat_transfer=maybe", "'readings.heat_transfer' should be a valid boolean"),
     ],
 )
 def test_set_says_what_is_wrong(assignment, message):

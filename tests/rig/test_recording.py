@@ -404,7 +404,10 @@ BAD_TOML = {
     "format": (TOML.replace("recording/1", "recording/9"), ["'format'", '"recording/1"', "recording/9"]),
     "no_format": (TOML.replace('format = "recording/1"\n', ""), ["the key 'format' is missing"]),
     "misspelt_key": (TOML.replace("noise_sd = 0.4", "noise_ds = 0.4"), ["noise_ds", "did you mean 'noise_sd'"]),
-    "misspelt_kind": (TOML.replace('"steady"', '"stedy"'), ["files.0.kind", "'steady'", "stedy"]),
+    "misspelt_kind": (
+        TOML.replace('"steady"', '"stedy"'),
+        ["'kind' in [[files]] entry 1 (file = 'sweep.csv')", "'steady'", "stedy"],
+    ),
     "double_key": (TOML.replace("noise_sd = 0.4", "noise_sd = 0.4\nnoise_sd = 0.5"), ["not valid TOML", "twice"]),
     "byte_order_mark": ("\ufeff" + TOML, ["byte order mark", "save it as UTF-8 without one"]),
     "no_toml": ("format = \n", ["not valid TOML"]),
@@ -443,7 +446,21 @@ BAD_TOML = {
     },
     "origin_key": (TOML + '[origin]\noperater = "me"\n', ["origin.operater", "did you mean 'operator'"]),
     "origin_number": (TOML + "[origin]\nmotor_serial = 3600\n", ["origin.motor_serial", "string", "3600"]),
-    "noise_scale": (TOML + "noise_scale = 0.0\n", ["files.0.noise_scale", "greater than 0"]),
+    "noise_scale": (
+        TOML + "noise_scale = 0.0\n",
+        ["'noise_scale' in [[files]] entry 1 (file = 'sweep.csv')", "greater than 0"],
+    ),
+    "negative_flywheel": (
+        TOML + "added_inertia_kg_m2 = -0.02\n",
+        [
+            "'added_inertia_kg_m2' in [[files]] entry 1 (file = 'sweep.csv') should be greater than or equal to 0",
+            "-0.02",
+        ],
+    ),
+    "negative_rig_flywheel": (
+        TOML + "[rig]\nadded_inertia_kg_m2 = -1\n",
+        ["'rig.added_inertia_kg_m2'", "or leave it out"],
+    ),
     "humidity_in_percent": (TOML + "[ambient]\nrelative_humidity = 50.0\n", ["ambient.relative_humidity", "50"]),
     "ambient_in_pascal": (TOML + "[ambient]\npressure_bar_abs = 101325.0\n", ["ambient.pressure_bar_abs", "101325"]),
     "lone_deviation": (TOML + "[ambient]\npressure_sd_bar = 0.1\n", ["ambient", "pressure_sd_bar", "give both"]),
@@ -473,7 +490,7 @@ BAD_TOML = {
     "file_is_folder": (TOML.replace('"sweep.csv"', '"."'), ["entry 1", "names no file"]),
     "file_twice": (
         TOML + '[[files]]\nfile = "./sweep.csv"\nkind = "zero"\n',
-        ["files entry 2", "is the file of entry 1", "name each file once"],
+        ["[[files]] entry 2", "is the file of entry 1", "name each file once"],
     ),
     "rig_unknown": (RIG.format(kind="steady", motor='kind = "turbine"'), ["motor.kind 'turbine'", "free_rotor"]),
     "rig_without_kind": (RIG.format(kind="steady", motor="mass_kg = 1.0"), ["motor.kind is missing", "driven_axis"]),

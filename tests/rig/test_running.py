@@ -341,6 +341,23 @@ def test_a_capture_whose_gauge_falls_silent_ends_with_4_and_says_what_is_missing
     assert read_run(folder).end.outcome == "failed"
 
 
+@pytest.mark.long
+def test_a_coast_down_that_the_tachometer_does_not_see_ends_with_4_and_what_to_do_and_is_kept(tmp_path):
+    """The counter hangs and tells of no tooth: each of its readings is usable, and together they show no coast-down."""
+    text = bench_path(Path("virtual")).read_text()
+    assert text.rstrip().endswith("seed = 1")
+    (tmp_path / "blind.toml").write_text(text + 'faults = [{ kind = "frozen", device = "tach" }]\n')
+    logs = tmp_path / "logs"
+    result = run("capture", tmp_path / "blind.toml", "--kind", "coast-down", "--rate", 10, "--logs", logs, *DAY)
+    assert result.returncode == 4, result.stderr
+    said = "failed: the coast-down cannot be used: the speed (tach.speed_rpm) shows no turning rotor; look whether it"
+    assert said in result.stdout
+    kept = read_run(only_run(logs))
+    assert kept.end.outcome == "failed" and verify(kept.folder) == []
+    speeds = kept.samples[kept.samples["channel"] == "speed_rpm"]
+    assert len(speeds) > 100 and (speeds["value"] == 0.0).all()
+
+
 def refusal_of(text, tmp_path):
     """What a sweep says on a bench file, in lines: exit code 2, and nothing left behind."""
     path = tmp_path / "hardware.toml"

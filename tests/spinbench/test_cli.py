@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ from spinbench.cli import app
 from spinbench.cli.errors import EXIT_CODES, exit_code
 from tests.synthetic_runs import start_of
 
+ROOT = Path(__file__).parents[2]
 HEAVY = ("numpy", "numba", "scipy", "matplotlib", "pandas", "emcee", "pydantic", "jinja2")
 
 
@@ -156,6 +158,17 @@ def test_a_misspelt_parameter_is_refused_with_the_nearest_and_writes_nothing(tmp
 def test_unusable_input_is_one_clear_line(tmp_path, spinbench_here, arguments, words):
     assert words in refused(spinbench_here("simulate", *arguments, "-o", "out", cwd=tmp_path))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+def test_a_negative_flywheel_is_refused_with_its_file_its_key_and_what_to_do(tmp_path, spinbench_here, command):
+    shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / "sweep")
+    with (tmp_path / "sweep" / "recording.toml").open("a", encoding="utf-8") as toml:
+        toml.write('[[files]]\nfile = "coast.csv"\nkind = "transient"\nadded_inertia_kg_m2 = -0.02\n')
+    assert refused(spinbench_here(command, "sweep", cwd=tmp_path)) == (
+        "spinbench: sweep/recording.toml: 'added_inertia_kg_m2' in [[files]] entry 2 (file = 'coast.csv') should be "
+        "greater than or equal to 0 (given: -0.02); or leave it out: 0.0 is taken then\n"
+    )
 
 
 @pytest.mark.parametrize(

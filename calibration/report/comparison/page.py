@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 JSON = "comparison.json"
+NO_BREAK = "\N{NO-BREAK SPACE}"
 MOST, MOST_WIDE = 6, 38  # changes that are drawn, and characters of a line of their titles
 
 
@@ -95,13 +97,20 @@ def _change_table(document: Mapping[str, Any]) -> Grid:
                 (
                     words.called([change["id"]]),
                     name,
-                    *(words.figure(name, one, key) for key in ("before", "after", "change")),
-                    f"{low} to {high}",
+                    *(_unbroken(words.figure(name, one, key)) for key in ("before", "after", "change")),
+                    f"{_unbroken(low)} to {_unbroken(high)}",
                     words.chance(change["probability"]),
                 )
             )
     header = ("if it is this that changed", "figure", "before", "after", "change", "change, 90 %", "probability")
     return Grid(header, tuple(rows), 2)
+
+
+def _unbroken(figure: str) -> str:
+    """A figure that a line may end in ahead of its unit alone."""
+    number = re.sub(r"^(\S+) ± ", rf"\1{NO_BREAK}±{NO_BREAK}", figure)
+    value, _, unit = number.partition(" ")
+    return f"{value} {unit.replace(' ', NO_BREAK)}".strip()
 
 
 def _set_table(document: Mapping[str, Any]) -> Grid:

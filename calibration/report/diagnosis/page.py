@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -15,13 +17,14 @@ from calibration.diagnosis.steps.verdict import VerdictKind
 from calibration.report import along_dates, style
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
-from calibration.report.fit.words import LEAST_P, figure, probability, rounded
+from calibration.report.fit.words import LEAST_P, figure, percent, probability, rounded
 from calibration.report.origin import origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row, title, titles
 from calibration.report.units import CAUTION, FAMILIAR, how_taken, on_an_axis, promise_in_short
 from model.effects import effects
 from model.effects.effect import EffectParameter
+from rig.recording import Recording
 from rig.recording.columns import IN_SI
 from rig.recording.origin import parsed
 
@@ -29,13 +32,46 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 JSON = "diagnosis.json"
+PLURAL = {"plateau": "plateaus", "zero": "zeros", "run in time": "runs in time"}
 CERTAIN = 1e6  # odds that are told no further
 MOST = 12  # rows of a table
 CLEAR = 0.6  # share of what speaks against a rival, from which one file is said to do it
 
 
-def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
-    """Files of the report by name: ``report.html``, ``report.png``."""
+@dataclass(frozen=True)
+class OwnPage:
+    """The page of one of several recordings.
+
+    `holds`: what was measured there, in words.
+    `is_this`: whether it is the page that this stands on.
+    """
+
+    name: str
+    file: str
+    holds: str
+    is_this: bool
+
+    @property
+    def address(self) -> str:
+        """The file as a link has it."""
+        return quote(self.file)
+
+
+def holds(recording: Recording) -> str:
+    """What was measured, in words."""
+    count = {kind: sum(one.rows for one in recording.files if one.kind == kind) for kind in ("steady", "zero")}
+    said = {"plateau": count["steady"], "zero": count["zero"]}
+    said["run in time"] = sum(one.kind == "transient" for one in recording.files)
+    words = [f"{n} {one}" if n == 1 else f"{n} {PLURAL[one]}" for one, n in said.items() if n]
+    heavy = recording.added_inertia_kg_m2
+    return ", ".join([*words, *([f"with a flywheel of {heavy:.3g} kg m²"] if heavy else [])])
+
+
+def report(found: Diagnosis, document: Mapping[str, Any], pages: Sequence[OwnPage] = ()) -> dict[str, bytes]:
+    """Files of the report by name: ``report.html``, ``report.png``.
+
+    `pages`: of several recordings that of each, for links to them.
+    """
     models, curves, intervals = numbers.models(found), numbers.curves(found), sets.frictions(found, document)
     figures: dict[str, bytes] = {}
     if numbers.coordinates(found) and numbers.channels(found):
@@ -56,7 +92,7 @@ def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
     filled = context(found, document)
     pictures = {name: inline(one) for name, one in figures.items()}
     return {
-        HTML: page(filled | {"figures": pictures, "models": [one.name for one in models]}),
+        HTML: page(filled | {"figures": pictures, "models": [one.name for one in models], "pages": pages}),
         PNG: style.png(draw.essentials(found, models, curves, intervals, filled["verdict"])),
     }
 
@@ -110,6 +146,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "instruments": _instrument_table(found),
         "versions": versions(),
         "sha256": problem.recording.sha256,
+        "pages": (),
     }
 
 
@@ -133,8 +170,8 @@ def _certainty(found: Diagnosis, document: Mapping[str, Any]) -> str:
     p = document["mismatch"]["p_value"]
     beyond = " (beyond the draws: from a fitted tail)" if document["mismatch"].get("beyond_the_draws") else ""
     if document["verdict"] == "consistent":
-        return f"A recording that the model explains would look worse than this one in {100 * p:.2g} % of all cases."
-    chance = f"{100 * p:.2g} %" if p >= LEAST_P else "less than one in a million"
+        return f"A recording that the model explains would look worse than this one in {percent(p)} of all cases."
+    chance = percent(p) if p >= LEAST_P else "less than one in a million"
     said = f"If nothing were left out, a mismatch as large would come by chance in {chance} of all cases{beyond}."
     if document["verdict"] == "unresolved":
         return said

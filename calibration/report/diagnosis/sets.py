@@ -19,7 +19,7 @@ from calibration.diagnosis.steps.verdict import VerdictKind
 from calibration.fit.posterior import UNINFORMED
 from calibration.report.diagnosis.numbers import of_mode, of_motor
 from calibration.report.diagnosis.words import gain_in_figures, quantity
-from calibration.report.fit.words import rounded, uncertainty
+from calibration.report.fit.words import percent, rounded, uncertainty
 from calibration.report.sets_in_words import listed, titles
 from calibration.report.units import FAMILIAR
 from calibration.systems.radial_piston.predict.kinds import LINE, RUN, STANDING, VENTED
@@ -193,7 +193,7 @@ def bias_in_words(found: Mapping[str, Any]) -> str:
         return f"f_overall is {value}{beside}."
     sd = after["sd"]
     size = f"{uncertainty(abs(shift)) if abs(shift) < sd else rounded(abs(shift), sd)} N m s"
-    share = f"{100.0 * abs(shift) / after['mean']:.2g} %" if after["mean"] > 0.0 else ""
+    share = percent(abs(shift) / after["mean"]) if after["mean"] > 0.0 else ""
     held = [effect["id"] for effect in found["effects"] if effect["id"] != MISREAD]
     if not held:
         return f"f_overall is {value}, without the readings that are off, and what is not excluded weighed in."

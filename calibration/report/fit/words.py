@@ -51,6 +51,11 @@ def with_unit(text: str, unit: str) -> str:
     return text if unit == "1" else f"{text} {unit}"
 
 
+def percent(share: float) -> str:
+    """A share to two digits: 12 %, 100 %, 0.13 %."""
+    return f"{float(f'{100.0 * share:.2g}'):g} %"
+
+
 def probability(value: float) -> str:
     """A probability that is never shown as certain [-]."""
     return "> 0.999" if value > 0.999 else f"{value:.3f}"
@@ -162,7 +167,7 @@ def hangs_on(pairs: Sequence[tuple[Unknown, float]]) -> str:
 
 def prior_says(found: AnyFit) -> str:
     """Whether f_overall comes from the recording or from the prior, in a sentence."""
-    spread = f"Its standard deviation is {100 * found.posterior[TARGET].sd_of_prior:.2g} % of its prior's."
+    spread = f"Its standard deviation is {percent(found.posterior[TARGET].sd_of_prior)} of its prior's."
     share = f"{100 * found.posterior.share_from_priors(TARGET):.0f} % of its variance comes from unknowns"
     which = (
         f"{_rows(found)}: the prior dominates {TARGET}." if prior_dominates(found) else f"The data determine {TARGET}."

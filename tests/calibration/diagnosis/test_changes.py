@@ -16,10 +16,12 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.search import Search
 from calibration.diagnosis.steps.verdict import judge
 from calibration.likelihood.descent import find
+from calibration.report.comparison import page
 from calibration.systems.look_up import compared
 from calibration.systems.several.sharing import Sharing
 from model.motor import Motor, read_motor
 from rig.recording import Recording, read_recording
+from tests import browser
 from tests.commands import spinbench
 from tests.documents import check
 
@@ -71,12 +73,16 @@ def test_a_leak_of_the_second_day_alone_is_found_there(tmp_path: Path, monkeypat
     pair = [
         recorded(tmp_path / name, seed, one, monkeypatch) for name, seed, one in (("may", 3, {}), ("june", 8, LEAK))
     ]
-    found = weighed(*pair)
+    made = changes.compare(*pair, 1)
+    found = as_json(made)
     assert found["verdict"] in ("changed", "confounded")
     assert ["leakage"] in [one["changed"] for one in found["explanations"]]
     leak = figures(found, "leakage", "conductance_kg_s_pa2")
     assert leak["after"]["q05"] < 2e-14 < leak["after"]["q95"]
     assert leak["before"]["mean"] < 3.0 * leak["before"]["sd"]  # none, as far as can be told
+    written = page.report(made, found)["report.html"]
+    for width in (1200, 800):
+        assert browser.misfits(written, tmp_path, width) == []
 
 
 def test_a_change_acts_in_the_later_recording_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,8 +184,8 @@ def test_a_motor_with_more_friction_is_told_with_how_much_in_json_and_page(
     assert friction["before"]["q05"] < TRUE < friction["before"]["q95"]
     assert "What changed is f_overall" in done.stderr
     check_python(sb.compare(tmp_path / "may", sb.open(tmp_path / "june")), found)
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "N m s" in page and "may and june" in page
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "N m s" in text and "may and june" in text
     assert (tmp_path / "out" / "report.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -60,6 +60,9 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
     page = next((asked / "second").glob("report.html")).read_text()
     assert "What the tests that were asked for have given" in page
     assert f">{promised['delivered_nats']:.1f}</td>" in page
+    unfolded = page[: page.index("<details>")]
+    assert '<a href="report_flywheel.html">flywheel</a>: 1 run in time, with a flywheel of 0.015 kg m²' in unfolded
+    assert (asked / "second" / "report_flywheel.html").is_file()
 
     alone = spinbench_here("diagnose", "flywheel", cwd=asked)
     assert alone.returncode == 2

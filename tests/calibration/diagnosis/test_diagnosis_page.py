@@ -519,6 +519,13 @@ def test_a_probability_that_no_draw_reached_is_not_told_to_its_last_digit():
     assert diagnosis_words.p_in_words(0.0123) == "p = 0.012"
 
 
+@pytest.mark.parametrize(("p", "told"), [(0.9999, "100 %"), (0.123, "12 %"), (0.0001234, "0.012 %")])
+def test_a_chance_is_told_in_plain_digits(clean, p, told):
+    document = as_json(clean)
+    document["mismatch"]["p_value"] = p
+    assert f" in {told} of all cases" in diagnosis_page.context(clean, document)["certainty"]
+
+
 def test_the_times_of_like_steps_are_told_together():
     seconds = {"detect": 0.4, "test what is left of leakage": 1.0, "test what is left of windage": 0.5}
     assert diagnosis_words.steps_in_words(seconds) == "detect 0.4 s, test what is left 1.5 s; 1.9 s in all"

@@ -15,6 +15,7 @@ from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError, read_recording, write_recording
+from tests import browser
 from tests.documents import check
 from tests.synthetic_runs import write_sweep
 
@@ -80,6 +81,20 @@ def test_the_command_writes_a_page_for_each_of_two_days(two_days: Path) -> None:
         assert name in (two_days / "out" / f"report_{name}.html").read_text(encoding="utf-8")
     longer = (two_days / "out" / "report_second.html").read_bytes()
     assert (two_days / "out" / "report.html").read_bytes() == longer
+
+
+def test_the_report_of_two_days_leads_to_the_page_of_each(two_days: Path) -> None:
+    path = browser.installed()
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as made:
+        window = made.chromium.launch(executable_path=path, args=["--no-sandbox"]).new_page()
+        window.goto((two_days / "out" / "report.html").as_uri())
+        assert window.inner_text("ul >> nth=0") == "first: 7 plateaus\nsecond: 13 plateaus"
+        for name, other in (("first", "second"), ("second", "first")):
+            window.click(f"a:text-is('{name}')", timeout=10_000)  # it is seen without anything being unfolded
+            assert window.url == (two_days / "out" / f"report_{name}.html").as_uri()
+            assert f"Diagnosis of “{name}”" in window.inner_text("h1")
+            assert window.locator("a").all_inner_texts() == [other]
 
 
 def test_a_zero_of_another_day_counts_beside_a_sweep_and_is_nothing_by_itself(tmp_path: Path) -> None:

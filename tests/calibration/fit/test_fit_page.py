@@ -184,6 +184,11 @@ def test_a_prior_that_dominates_is_told(found):
     assert said in fit_page.report(weak, [])["report.html"].decode()
 
 
+def test_a_fit_that_learned_nothing_has_all_of_its_prior_s_width(found):
+    nothing = with_share_of_prior(found, 0.999)
+    assert any("Its standard deviation is 100 % of its prior" in words for words in fit_page.remarks(nothing))
+
+
 def test_a_row_or_two_leave_f_overall_to_the_prior(found):
     rows = found.measured.steady
     few = dataclasses.replace(rows, row=rows.row[:2])

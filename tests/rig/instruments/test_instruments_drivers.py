@@ -1,7 +1,9 @@
 """The drivers over real bytes: a scripted peer on a pty says what a good, a faulty and a strange device say."""
 
+import os
 import struct
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -10,7 +12,7 @@ from rig.bench.bench import DeviceTable, LineTable, Place
 from rig.bench.instrument import IdentityError, InstrumentError
 from rig.clock import Clock
 from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x, lutron, manual, modbus
-from rig.lines import Line, LostError, NoReplyError, Timing
+from rig.lines import Line, LineError, LostError, NoReplyError, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
 from rig.replay.player import ReplayPort
@@ -73,6 +75,21 @@ class Registers:
         values = [count] if function == 6 else struct.unpack(f">{count}H", request[7:-2])
         self.registers.update(zip(wanted, values, strict=True))
         return request[1:6]
+
+
+def pulled_out_at_a_write(peers, slave):
+    """What a device says whose cable is pulled out as it is written to. `peers`: gets the peer that says it."""
+
+    def reply(request):
+        if request[1] != 6:
+            return slave(request)
+        (peer,) = peers
+        peer.ended.set()
+        with Path(os.devnull).open() as nothing:
+            os.dup2(nothing.fileno(), peer.master)  # the far end of the pty is closed
+        return None
+
+    return reply
 
 
 def floats(first, *numbers):
@@ -250,14 +267,8 @@ def generic(setpoint=True, **changes):
         "temperature_c": {"unit": "degC", "address": 13, "type": "i16", "scale": 0.1},
     }
     if setpoint:
-        data["setpoint"] = {
-            "address": 40,
-            "type": "u16",
-            "scale": 0.01,
-            "unit": "bar abs",
-            "lowest": 0.0,
-            "highest": 5.0,
-        }
+        table = {"address": 40, "type": "u16", "scale": 0.01, "unit": "bar abs", "lowest": 0.0, "highest": 5.0}
+        data["setpoint"] = table | ({} if setpoint is True else setpoint)
     return modbus.build("box", modbus.Settings.model_validate(data | changes), place(unit_id=1))
 
 
@@ -335,6 +346,53 @@ def test_a_device_that_refuses_a_set_point_is_told(bench):
         driver.write(line, 1.0)
 
 
+def test_a_cable_that_is_pulled_out_at_a_set_point_is_told_as_such_and_nothing_is_read_back(bench):
+    driver, peers = generic(), []
+    line, peer = bench(driver, pulled_out_at_a_write(peers, Registers(BOX)))
+    peers.append(peer)
+    with pytest.raises(LostError):
+        driver.write(line, 2.5)
+    assert [request[1] for request in peer.requests] == [6]
+
+
+def test_a_set_point_that_does_not_fit_its_register_is_told_and_not_sent(bench):
+    driver = generic(setpoint={"scale": 1e-5})
+    line, peer = bench(driver, Registers(BOX))
+    with pytest.raises(InstrumentError, match=r"box: .*250000"):
+        driver.write(line, 2.5)
+    assert peer.requests == []
+
+
+def test_a_set_point_that_is_a_float_is_read_back_to_a_millionth(bench):
+    driver = generic(setpoint={"type": "f32", "scale": 1.0})
+    takes, holds = Registers(BOX | {41: 0}), Registers(floats(40, 2.1001))
+    line, _ = bench(driver, takes)
+    assert driver.write(line, 2.1) == pytest.approx(2.1, rel=1e-6)
+    line, _ = bench(driver, lambda request: holds(request) if request[1] == 3 else takes(request))
+    with pytest.raises(InstrumentError, match=r"was ordered 2\.1 bar abs and reads back 2\.1001 bar abs"):
+        driver.write(line, 2.1)
+
+
+@pytest.mark.parametrize(("tolerance", "is_taken"), [(0.06, True), (0.04, False)])
+def test_a_device_that_rounds_a_set_point_may_be_off_by_what_its_file_says(bench, tolerance, is_taken):
+    takes, holds = Registers(BOX), Registers({40: 210})
+    driver = generic(setpoint={"tolerance": tolerance})
+    line, _ = bench(driver, lambda request: holds(request) if request[1] == 3 else takes(request))
+    if is_taken:
+        assert driver.write(line, 2.15) == pytest.approx(2.1)
+        return
+    with pytest.raises(InstrumentError, match=r"reads back 2\.1 bar abs"):
+        driver.write(line, 2.15)
+
+
+def test_a_device_that_has_none_of_the_registers_gives_no_value_and_says_so(bench):
+    driver = generic()
+    line, _ = bench(driver, Registers({}))
+    readings = driver.poll(line)
+    assert qualities(readings) == [(None, Quality.EXCEPTION)] * 2
+    assert all("illegal register address" in reading.detail for reading in readings)
+
+
 def test_without_a_set_point_table_nothing_can_be_written():
     assert not hasattr(generic(setpoint=False), "write")
 
@@ -352,6 +410,7 @@ def test_a_generic_device_has_no_failsafe(bench):
         (place(), r"devices\.box\.unit_id: the key is missing"),
         (place(unit_id=0), "0 is no unit of an RTU bus"),
         (place(kind="keyboard", unit_id=1), "cannot be on a keyboard"),
+        (place(kind="tcp", echo=True, unit_id=1), r"lines\.bus\.echo: is of a serial bus, and this is Modbus TCP"),
     ],
 )
 def test_a_bench_file_that_cannot_place_a_modbus_device_is_refused(where, words):
@@ -374,6 +433,19 @@ def test_an_adam_tells_its_name_version_and_range(bench):
     driver = adam()
     line, _ = bench(driver, Registers(ADAM))
     assert driver.identify(line) == "Advantech ADAM-4024 at unit 1 (version A200 0000; output 2: 4-20 mA)"
+
+
+def test_an_adam_that_does_not_tell_its_name_is_known_by_its_range(bench):
+    driver = adam()
+    line, _ = bench(driver, Registers({register: held for register, held in ADAM.items() if not 210 <= register < 214}))
+    assert driver.identify(line).endswith("at unit 1 (it does not tell its name; output 2: 4-20 mA)")
+
+
+def test_an_adam_that_is_busy_as_it_starts_is_not_taken_for_one_without_a_name(bench):
+    driver = adam()
+    line, _ = bench(driver, lambda request: rtu(bytes([1, request[1] | 0x80, 6])))
+    with pytest.raises(LineError, match="busy"):
+        driver.identify(line)
 
 
 @pytest.mark.parametrize(("register", "words"), [(210, "calls itself 4017, not 4024"), (202, "type code 0x4017")])
@@ -415,6 +487,14 @@ def test_a_communications_safety_that_does_not_take_is_an_error(bench):
     driver = adam()
     line, _ = bench(driver, Registers(ADAM, read_only=[214]))
     with pytest.raises(InstrumentError, match="is off and cannot be switched on over Modbus"):
+        driver.set_failsafe(line)
+
+
+def test_a_cable_that_is_pulled_out_as_the_communications_safety_is_set_is_told_as_such(bench):
+    driver, peers = adam(), []
+    line, peer = bench(driver, pulled_out_at_a_write(peers, Registers(ADAM)))
+    peers.append(peer)
+    with pytest.raises(LostError):
         driver.set_failsafe(line)
 
 
@@ -516,6 +596,13 @@ def test_an_alicat_over_modbus_is_read_and_set(bench):
     slave.registers[1201] = 1 << 6 | 1 << 8
     reading = driver.poll(line)[0]
     assert (reading.quality, reading.detail) == (Quality.OVER_RANGE, "POV HLD")
+
+
+@pytest.mark.parametrize(("status", "note"), [(0, ""), (1 << 8, "; flags HLD")])
+def test_an_alicat_over_modbus_is_identified_by_its_block_with_its_flags(bench, status, note):
+    driver = alicat_modbus.build("regulator", read_instrument("alicat_pc_modbus"), place(unit_id=1))
+    line, _ = bench(driver, Registers({1200: 0, 1201: status} | floats(1202, 1.25, 20.0, 1.0, 2.0)))
+    assert driver.identify(line).endswith(f"at unit 1 (its block reads; it is not asked who it is{note})")
 
 
 # Generic text.

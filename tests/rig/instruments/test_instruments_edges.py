@@ -10,12 +10,13 @@ import tty
 
 import pytest
 
+from configs import ConfigError
 from rig.bench.bench import DeviceTable, LineTable, Place
 from rig.bench.instrument import IdentityError
 from rig.clock import Clock
 from rig.instruments import edge_counter
 from rig.instruments.codecs.edge_frames import EDGE, HEARTBEAT, DeviceClock, Frame
-from rig.lines import Line, Timing
+from rig.lines import BadReplyError, Line, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import NS, Quality
 from tests.instrument_peers import edge_bytes, read_instrument
@@ -154,6 +155,26 @@ def test_a_spoiled_stream_gives_no_wrong_speed(tach, spoil, quality, words):
     assert poll(tach, counter.teeth(10, 0.01)).value == pytest.approx(300.0)
 
 
+def test_a_counter_whose_clock_stands_is_told_though_it_sends(tach):
+    """It has no other way to tell that the shaft stands."""
+    driver, line, counter = tach
+    ended = threading.Event()
+
+    def beats():
+        while not ended.wait(0.02):
+            counter.send(counter.frame(HEARTBEAT, 0.0))
+
+    sending = threading.Thread(target=beats)
+    sending.start()
+    try:
+        (reading,) = driver.poll(line)
+    finally:
+        ended.set()
+        sending.join()
+    assert (reading.value, reading.quality) == (None, Quality.STALE)
+    assert "the counter's clock stands" in reading.detail
+
+
 def test_edges_that_the_device_lost_are_an_exception(tach):
     _, _, counter = tach
     poll(tach, counter.teeth(3, 0.01))
@@ -209,6 +230,42 @@ def test_a_capture_goes_on_over_standstill_and_loss(tach):
     counter.sequence += 3
     speed, angle = capture(tach, counter.teeth(1, 0.01))
     assert (speed.value, speed.quality, angle.quality) == (None, Quality.CRC, Quality.CRC)
+
+
+def test_a_capture_from_a_counter_that_has_fallen_silent_is_a_timeout(tach):
+    driver, line, counter = tach
+    capture(tach, counter.teeth(2, 0.01))
+    (reading,) = driver.poll_edges(line)
+    assert (reading.channel, reading.value, reading.quality) == ("speed_rpm", None, Quality.TIMEOUT)
+
+
+def test_frames_that_are_missing_ahead_of_a_heartbeat_are_told_in_a_capture(tach):
+    _, _, counter = tach
+    capture(tach, counter.teeth(2, 0.01))
+    counter.sequence += 2
+    (reading,) = capture(tach, counter.beats(1))
+    assert (reading.value, reading.quality, reading.detail) == (None, Quality.CRC, "2 frames are missing")
+
+
+def test_half_a_frame_is_no_reading_of_a_capture_and_its_other_half_is(tach):
+    _, _, counter = tach
+    capture(tach, counter.teeth(2, 0.01))
+    frame = counter.teeth(1, 0.01)
+    assert capture(tach, frame[:4]) == []
+    speed, _ = capture(tach, frame[4:])
+    assert speed.value == pytest.approx(300.0)
+
+
+def test_what_was_left_behind_by_a_full_read_is_of_the_same_capture(tach):
+    _, _, counter = tach
+    readings = capture(tach, counter.teeth(300, 0.01))
+    assert len([one for one in readings if one.channel == "angle_rad"]) == 300
+
+
+def test_a_counter_without_an_angle_in_its_file_tells_speeds_alone(tach):
+    driver, _, counter = tach
+    driver.channels = {name: one for name, one in driver.channels.items() if name == "speed_rpm"}
+    assert [one.channel for one in capture(tach, counter.teeth(3, 0.01))] == ["speed_rpm"] * 2
 
 
 def test_a_tooth_s_time_is_the_device_s_on_the_quickest_way_here():
@@ -273,7 +330,28 @@ def test_another_counter_is_told(tach, answer, serial_number, words):
         identify(tach, answer, serial_number)
 
 
+def test_a_device_that_sends_on_and_does_not_tell_who_it_is_is_none(tach):
+    _, _, counter = tach
+    with pytest.raises(BadReplyError, match="bytes without the identity of an edge counter"):
+        identify(tach, counter.teeth(500, 0.01))
+
+
+def test_a_file_with_a_channel_that_no_counter_has_is_refused():
+    settings = read_instrument("edge_counter_20")
+    channels = settings.model_dump(exclude_unset=True)["channels"]
+    with pytest.raises(ValueError, match=r"an edge counter has speed_rpm, and angle_rad for captures"):
+        type(settings).model_validate(settings.model_dump() | {"channels": channels | {"flow": channels["angle_rad"]}})
+
+
 def test_an_edge_counter_is_built_from_its_place():
     place = Place(DeviceTable(instrument="i", line="usb"), LineTable(kind="serial", port="p", paced=False))
     driver = edge_counter.build("tach", read_instrument("edge_counter_20"), place)
     assert set(driver.channels) == {"speed_rpm", "angle_rad"}
+
+
+def test_an_edge_counter_is_on_no_keyboard():
+    place = Place(DeviceTable(instrument="i", line="keys"), LineTable(kind="keyboard"))
+    with pytest.raises(
+        ConfigError, match=r"devices\.tach\.line: this instrument has a cable; name a serial or tcp line"
+    ):
+        edge_counter.build("tach", read_instrument("edge_counter_20"), place)

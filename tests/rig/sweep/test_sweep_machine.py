@@ -121,8 +121,46 @@ def test_a_run_whose_capture_has_no_reading_fails_with_what_is_missing(kind, rol
     assert end.left_out.startswith(f"there is no reading of the {role}")
     assert walk.finish.outcome == "failed"
     assert walk.finish.reason.startswith(f"the {kind} cannot be used: there is no reading of the {role} (")
-    assert walk.finish.reason.endswith("its last reading: timeout)")
+    assert "its last reading: timeout). What was read is kept; `spinbench doctor` examines" in walk.finish.reason
     walk.assert_vented_last()
+
+
+@pytest.mark.parametrize("kind", ["coast-down", "spin-up"])
+@pytest.mark.parametrize("shown_rpm", [0.0, 0.4])
+def test_a_capture_in_which_the_tachometer_sees_no_rotor_turning_is_no_finished_run(kind, shown_rpm):
+    """Its readings are usable, each by itself."""
+
+    class Blind(Lab):
+        def read(self, role, name, value, scatter):
+            super().read(role, name, shown_rpm if role == "speed" else value, scatter if role != "speed" else 0.0)
+
+    walk = Walk(steps=[], captures=[CaptureTask(kind, 1.6, 0.2)], lab=Blind()).go()
+    assert len(walk.of(orders.CaptureEnd)) == 2  # it is taken once more
+    said = f"the {kind} cannot be used: the speed (tach.speed_rpm) shows no turning rotor; look whether it turns"
+    assert walk.finish.outcome == "failed" and walk.finish.reason.startswith(said)
+    walk.assert_vented_last()
+
+
+def test_a_coast_down_whose_tachometer_falls_still_as_the_valve_is_shut_is_taken_once_more():
+    class Slips(Lab):
+        slips = False
+
+        def read(self, role, name, value, scatter):
+            super().read(role, name, 0.0 if role == "speed" and self.slips else value, scatter)
+
+    walk = Walk(steps=[], captures=[CaptureTask("coast-down", 1.6, 0.2)], lab=Slips())
+    take = walk.take
+
+    def slips_once(order):
+        if isinstance(order, orders.SetPressure) and len(walk.of(orders.CaptureStart)) == 1:
+            walk.lab.slips = not walk.of(orders.CaptureEnd)
+        take(order)
+
+    walk.take = slips_once
+    walk.go()
+    first, second = walk.of(orders.CaptureEnd)
+    assert "shows no turning rotor" in first.left_out and second.left_out == ""
+    assert walk.finish.outcome == "finished"
 
 
 def test_a_zero_alone_without_a_reading_of_the_gauge_fails():

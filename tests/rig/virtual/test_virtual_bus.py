@@ -368,7 +368,7 @@ PLACE = Place({"bus": ["gauge", "dac"], "usb": ["tach"]}, frozenset({"gauge", "d
         ({"kind": "late", "line": "can"}, "there is no virtual line 'can' (bus, usb)"),
         ({"kind": "late", "device": "gage"}, "there is no virtual device 'gage' (gauge, dac, tach)"),
         ({"kind": "late", "line": "bus", "chanse": 0.1}, "unknown key 'chanse'; did you mean 'chance'?"),
-        ({"kind": "late", "line": "bus", "chance": 2.0}, "'chance': input should be less than or equal to 1"),
+        ({"kind": "late", "line": "bus", "chance": 2.0}, "'chance' should be less than or equal to 1"),
         ({"kind": "late", "line": "bus", "from_s": 5, "to_s": 4}, "to_s (4) is not after from_s (5)"),
         ({"kind": "dropped", "line": "bus", "by_s": 1.0}, "by_s means nothing to 'dropped'"),
         ({"kind": "unplug", "device": "dac"}, "a line is unplugged, not a device: name the line 'bus'"),

@@ -139,7 +139,7 @@ def test_what_is_not_json_is_refused(running):
     [
         (
             ("rate = 20.0", 'rate = 20.0\nfaults = [{kind = "slow", line = "bus"}]'),
-            "virtual.faults.0: there is no fault",
+            "[[virtual.faults]] entry 1: there is no fault",
         ),
         (("rate = 20.0", "rate = 20.0\ntruth = {f_overal = 0.07}"), "virtual.truth.f_overal: no such parameter"),
         (("[virtual]", "[virtuel]"), "unknown key 'virtuel'"),

@@ -1,0 +1,90 @@
+"""`spinbench many fit` over a folder in which some runs are damaged: each is told, and the others are fitted."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from pathlib import Path
+
+import pytest
+
+from calibration import fleet
+from rig.runlog import RunError
+from spinbench import readings
+from tests.synthetic_runs import write_sweep
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run_in(folder: Path, name: str) -> Path:
+    """A sound run of that name."""
+    return write_sweep(folder, captures=False).rename(folder / name)
+
+
+def damage(path: Path, lines: slice, instead: bytes = b"") -> None:
+    """Put something else in the place of lines."""
+    held = path.read_bytes().splitlines(keepends=True)
+    held[lines] = [instead] if instead else []
+    path.chmod(0o600)
+    path.write_bytes(b"".join(held))
+
+
+@pytest.mark.long
+def test_damaged_runs_are_told_with_all_that_is_wrong_and_the_others_are_fitted(tmp_path, spinbench_here):
+    runs = tmp_path / "fleet"
+    damage(run_in(runs, "cut") / "samples.csv", slice(-400, None))  # whole lines: what is left reads well
+    damage(run_in(runs, "garbled") / "samples.csv", slice(-3, -2), b"\xff\n")
+    (run_in(runs, "headless") / "start.json").unlink()
+    (run_in(runs, "levelless") / "plateaus.csv").unlink()
+    damage(run_in(runs, "no_bytes") / "wire.jsonl", slice(-1, None))
+    shutil.copytree(ROOT / "logs" / "published_sweep", runs / "recording")
+    damage(runs / "recording" / "sweep.csv", slice(-1, None), b"2.2,over,419.1\n")
+    done = spinbench_here(
+        *("many", "fit", "fleet", "-o", "out", "--workers", 1, "--max-steps", 400, "--effective-samples", 500),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 2, done.stderr
+    rows = {row["recording"]: row for row in csv.DictReader((tmp_path / "out" / "table.csv").read_text().splitlines())}
+    assert {Path(one).name for one in rows} == {one.name for one in runs.iterdir()}
+    fitted = [Path(one).name for one, row in rows.items() if not row["error"]]
+    assert fitted == ["no_bytes"]
+    assert float(rows["fleet/no_bytes"]["f_overall_mean"]) > 0.0
+    lines = [line for line in done.stderr.splitlines() if line.startswith("spinbench: fleet/")]
+    told = {line.split(": ")[1].removeprefix("fleet/"): line for line in lines}
+    assert "not as it was sealed: samples.csv: changed" in told["cut"]
+    assert "the end record counts 1760 samples, the files hold 1360" in told["cut"]
+    assert "take a sound copy or" in told["cut"]
+    assert "samples.csv, line 1759: " in told["garbled"]
+    assert "holds no start.json" in told["headless"]
+    assert "plateaus.csv: missing" in told["levelless"]
+    assert "sweep.csv, row 7" in told["recording"] and "'over'" in told["recording"]
+
+
+@pytest.mark.parametrize("file", ["samples.csv", "events.jsonl", "plateaus.csv", "start.json"])
+def test_a_run_that_lacks_a_line_at_its_end_is_not_sound(tmp_path, file):
+    run = run_in(tmp_path, "cut")
+    damage(run / file, slice(-1, None))
+    with pytest.raises(RunError, match=rf"not as it was sealed: {file}: changed since .*; take a sound copy"):
+        readings.read_sound(run)
+
+
+def test_a_run_without_its_beginning_is_found_and_refused(tmp_path):
+    run = run_in(tmp_path, "headless")
+    (run / "start.json").unlink()
+    assert fleet.recordings_in([tmp_path], readings.is_recording) == [run]
+    with pytest.raises(RunError, match=r"holds no start\.json"):
+        readings.read_sound(run)
+
+
+def test_remarks_on_one_of_many_name_it(tmp_path, capsys):
+    """The bytes on the wire are no readings: without their end the run is read, with a remark."""
+    run = run_in(tmp_path, "no_bytes")
+    damage(run / "wire.jsonl", slice(-1, None))
+    assert readings.read_sound(run).files
+    assert "spinbench: no_bytes: wire.jsonl was changed since the run was sealed\n" in capsys.readouterr().err
+
+
+def test_a_killed_run_is_read_as_one_of_many(tmp_path, capsys):
+    run = write_sweep(tmp_path, seal=False).rename(tmp_path / "killed")
+    assert readings.read_sound(run).files
+    assert "spinbench: killed: the run is killed\n" in capsys.readouterr().err
