@@ -112,8 +112,9 @@ class Effect:
     `usual_sd`: how far the article's own law may be off in this effect's way, where no parameter of the motor says so:
         a size of three of it and less is no missing effect [the amplitude's unit].
     `transient_only`: whether a steady row says nothing of it.
-    `hidden`: whether the motor's own parameters can take it up along a valley too curved to be seen from the base
-        model, even with runs in time: it is then refitted whatever the straight model says of it.
+    `hidden`: whether a straight model about the base model does not see it: the motor's own parameters take it up
+        along a curved valley, or its ordinary size does something else than a small one. It is then refitted whatever
+        that model says of it.
     `listed`: whether a diagnosis may name it. One that is not stands for what nothing listed is: if it explains a
         recording, that is unresolved. A fit or a simulation can have it like any other.
     `turned`: its values for a shaft whose angle is counted from so many radians farther back, where it follows the

@@ -1,7 +1,7 @@
 """The search: single effects that the linear model finds promising are refitted, then pairs grown from them.
 
-With runs in time an effect that hides from the linear model is refitted whatever that says of it, alone and beside the
-best of the others.
+An effect that hides from the linear model is refitted whatever that says of it, from its ordinary size too: alone, and
+with runs in time beside the best of the others.
 
 Sets are refitted side by side; what one knows of those before it does not hang on the number of processes, so neither
 does the result. What is far behind the best set so far is not searched to its end.
@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from calibration.likelihood.compared import Compared, Problem
 from calibration.likelihood.descent import find
 from calibration.likelihood.mode import Mode, cost_of
 from calibration.likelihood.signatures import Signature, signatures
-from calibration.unknowns.effects import unchanged
+from calibration.unknowns.effects import is_size, unchanged
 from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import Tell
 
@@ -79,7 +79,7 @@ class Search:
     def singles(self, found: Sequence[Signature], u: np.ndarray, worth: float = WORTH, every: bool = False) -> None:
         """Refit the most promising single effects and all that may stand beside the best, then the base model.
 
-        With runs in time those that hide are refitted too.
+        Those that hide are refitted too.
 
         `u`, shape (k,): the noise that the detection found [-].
         `worth`: log evidence gained in the linear model below which an effect is not refitted [-].
@@ -95,9 +95,9 @@ class Search:
             if every or comparison.thorough
             else [job for job, one in zip(jobs, ranked, strict=True) if one[1] > worth][:SINGLES]
         )
-        if in_time:
-            chosen += [job for job in jobs if comparison.problem.effect(job.names[0]).hidden and job not in chosen]
-        self._refit(chosen)
+        hidden = [job for job in jobs if comparison.problem.effect(job.names[0]).hidden]
+        chosen += [job for job in hidden if job not in chosen]
+        self._refit([*chosen, *(self._at_its_size(job, *job.names) for job in hidden)])
         gained = self.modes[self._best()].log_evidence - base.log_evidence
         if gained > worth:
             near = [job for job, one in zip(jobs, ranked, strict=True) if one[1] > gained - BESIDE]
@@ -138,6 +138,8 @@ class Search:
                 if all(job.names != names for job in jobs):
                     start = {**values_of(self.comparison.problem, mode), **first}
                     jobs.append(_Job(names, mode, self.comparison.in_time, start))
+                    if self.comparison.problem.effect(name).hidden:
+                        jobs.append(self._at_its_size(jobs[-1], name))
         self._refit(jobs)
         self.share()
         self.swap()
@@ -167,6 +169,13 @@ class Search:
         own = {} if set(start) < set(names) else values_of(problem, self.modes[names])
         values = {one: z for one, z in (own | values_of(problem, mode)).items() if one[0] in names}
         return _Job(names, mode, self.comparison.in_time, values)
+
+    def _at_its_size(self, job: _Job, name: str) -> _Job:
+        """The same set, from where one effect of it is as large as it ordinarily is."""
+        problem = self.comparison.problem
+        amplitude = problem.amplitude(name)
+        sizes = [one for _, one in problem.effect_unknowns([name]) if is_size(one.name, amplitude)]
+        return replace(job, first=job.first | {(name, one.name): float(one.z(amplitude.scale)) for one in sizes})
 
     def share(self) -> None:
         """Refit the best sets with an effect that changed in them as one that is the same in all recordings."""

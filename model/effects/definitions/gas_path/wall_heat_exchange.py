@@ -22,4 +22,5 @@ EFFECT = Effect(
     parameters=(EffectParameter("extra_share", "-", 0.0, 30.0, 12.0, text="extra share of the heat of Eq. 18"),),
     factors={"HEAT_FACTOR": heat_factor},
     usual_sd=0.5,
+    hidden=True,  # a little of it slows the motor, much of it less: what starts from none does not get there
 )
