@@ -227,7 +227,7 @@ def test_each_single_effect_that_may_stand_beside_the_best_is_refitted(
     comparison = Comparison(Problem(recordings.sweep(tmp_path, 5, LEAK)))
     base = base_of(comparison)
     search = Search(comparison, base)
-    names = sorted(effect.id for effect in comparison.problem.effects_that_could())
+    names = sorted(effect.id for effect in comparison.problem.effects_that_could() if not effect.hidden)
     promised = [*(9.0 - i for i in range(6)), -1.5, -1.7]
     canned = [(name, gain, {}) for name, gain in zip(names, promised, strict=False)]
     monkeypatch.setattr("calibration.diagnosis.steps.search.screen", lambda *_, **__: canned)
@@ -241,6 +241,18 @@ def test_each_single_effect_that_may_stand_beside_the_best_is_refitted(
     monkeypatch.setattr(search, "_refit", gain_five)
     search.singles([], base.u)
     assert tried == names[:7]
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_much_heat_from_the_walls_is_found_though_a_little_would_be_none(tmp_path: Path, seed: int) -> None:
+    """A little heat slows the motor more than much of it: from none, a search stays at none."""
+    comparison = Comparison(Problem(recordings.sweep(tmp_path, seed, {"wall_heat_exchange": {"extra_share": 28.0}})))
+    base = base_of(comparison)
+    search = Search(comparison, base)
+    search.singles(signatures(comparison, base), base.u)
+    found = search.modes[("wall_heat_exchange",)]
+    assert found.log_evidence > find(comparison, ("wall_heat_exchange",), base).log_evidence + 5.0
+    assert found.log_evidence == max(mode.log_evidence for mode in search.modes.values())
 
 
 def test_what_the_pulses_add_is_much_the_same_near_by(tmp_path: Path) -> None:
