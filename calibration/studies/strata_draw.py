@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class Case:
 
 def case_of(stratum: Stratum, seed: int) -> Case:
     """The case of a seed. Raises ArithmeticError when no truth of `TRIES` gives a reading of everything."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([seed, crc32(stratum.words.encode())])  # strata share no draws
     recordings = designs(stratum.runs, stratum.days)
     comparison = _compared(recordings)
     names = (stratum.effects[seed % len(stratum.effects)],) if stratum.effects else ()

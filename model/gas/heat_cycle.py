@@ -217,7 +217,7 @@ def _collect(rate: np.ndarray, falls_by: np.ndarray, span: float, stage: np.ndar
             value[i] += weight * (rate[j] + falls_by[j] * stage[j])
             matrix[i, j] = weight * falls_by[j]
         matrix[i, i] += 1.0
-    for i in range(N_GAUSS):  # the pivots stay above a half: heat only ever pulls towards the wall's temperature
+    for i in range(N_GAUSS):  # no pivot is below 1, for heat only ever pulls towards the wall's temperature
         for k in range(i + 1, N_GAUSS):
             factor = matrix[k, i] / matrix[i, i]
             for j in range(i + 1, N_GAUSS):
