@@ -83,7 +83,7 @@ def place_nodes(
 
 
 @njit(error_model="numpy", cache=True)
-def conductance_per_angle(
+def resistance_per_angle(
     phase: int,
     P: float,
     T: float,
@@ -93,9 +93,9 @@ def conductance_per_angle(
     gas: np.ndarray,
     printed: bool,
 ) -> float:
-    """Heat into the gas per angle and kelvin that it is colder than the ambient [J/(rad K)].
+    """Kelvin that the gas is colder than the ambient per heat into it and angle, by Eq. 18 [K rad/J].
 
-    It is `gas.heat_transfer.cylinder_heat` over omega, its powers joined in one.
+    Heat by it is `gas.heat_transfer.cylinder_heat` over omega, its powers joined in one. Infinite where none is traded.
 
     `phase`: row of Table 2.
     `P`, `T`, `omega`: pressure [Pa], temperature [K] and speed [rad/s].
@@ -103,7 +103,7 @@ def conductance_per_angle(
     `printed`: the wall's resistance as printed (erratum 2).
     """
     if parameters[at.H_A] <= 0.0:
-        return 0.0
+        return np.inf
     mu = quartic(gas, at.GAS_MU, T)
     k = quartic(gas, at.GAS_K, T)
     u = 1.0
@@ -120,7 +120,7 @@ def conductance_per_angle(
     if not printed:
         wall /= node[AREA]
     resistance = 1.0 / (node[AREA] * parameters[at.H_A]) + wall + 1.0 / (node[AREA] * H_g)
-    return parameters[at.HEAT_FACTOR] / (resistance * omega)
+    return resistance * omega
 
 
 # Numba takes arrays one by one; in one piece, its parts share their running values: `model.solvers`.
@@ -154,6 +154,7 @@ def pass_cycle(
     adds to the gas's work in a cycle [J], before roller friction.
     """
     R, cp, T_in, T_a = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_IN], parameters[at.T_A]
+    factor = parameters[at.HEAT_FACTOR]
     heated = readings[at.HEAT_TRANSFER] > 0.0
     printed = readings[at.WALL_AS_PRINTED] > 0.0
     rate, falls_by = np.empty(N_GAUSS), np.empty(N_GAUSS)
@@ -162,9 +163,10 @@ def pass_cycle(
     if heated:  # discharge: m cp dT/dpsi = dQ/dpsi, m = P V / (R T)
         for i in range(N_GAUSS):
             u = T + stage[i]
-            K = conductance_per_angle(DISCHARGE, P_d, u, omega[i], node[i], parameters, gas, printed)
-            falls_by[i] = R * u / (P_d * cp * node[i, VOLUME]) * K
-            rate[i] = falls_by[i] * (T_a - u)
+            resistance = resistance_per_angle(DISCHARGE, P_d, u, omega[i], node[i], parameters, gas, printed)
+            warmed = R * u / (P_d * cp * node[i, VOLUME])
+            rate[i] = warmed * (factor * (T_a - u) / resistance)
+            falls_by[i] = warmed * factor / resistance
         T += _collect(rate, falls_by, node[0, SPAN], stage[:N_GAUSS])
 
     m_before = P_d * V_low / (R * T)
@@ -181,9 +183,9 @@ def pass_cycle(
             n = first + i
             u = m_open + P_s * (node[n, VOLUME] - V_low) / (R * T_in) + stage[n]
             T = P_s * node[n, VOLUME] / (u * R)
-            K = conductance_per_angle(SUCTION, P_s, T, omega[n], node[n], parameters, gas, printed)
-            rate[i] = -K * (T_a - T) / (cp * T_in)
-            falls_by[i] = K * T / (u * cp * T_in)
+            resistance = resistance_per_angle(SUCTION, P_s, T, omega[n], node[n], parameters, gas, printed)
+            rate[i] = -(factor * (T_a - T) / resistance) / (cp * T_in)
+            falls_by[i] = factor / resistance * T / (u * cp * T_in)
         m += _collect(rate, falls_by, node[first, SPAN], stage[first : first + N_GAUSS])
 
     P, gas_2 = _closed(P_s, V_high, m, 4, table_gamma, omega, heated, printed, parameters, node, gas, stage, work)
@@ -256,7 +258,7 @@ def _closed(
     """
     if not heated:
         return P, 0.0
-    R, cp, T_a = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_A]
+    R, cp, T_a, factor = gas[at.GAS_R], gas[at.GAS_CP], parameters[at.T_A], parameters[at.HEAT_FACTOR]
     gamma = cp / (cp - R)
     power = math.exp(gamma * math.log(V_end))
     added = 0.0
@@ -274,9 +276,9 @@ def _closed(
             falls[i] = node[n, V_POWER] * (1.0 + x * (1.0 + x * (0.5 + x / 6.0)))
             p = (P * power + added + stage[n]) * falls[i]
             T = p * V / (m * R)
-            K = conductance_per_angle(phase, p, T, omega[n], node[n], parameters, gas, printed)
-            rate[i] = (gamma - 1.0) / (falls[i] * V) * K * (T_a - T)
-            falls_by[i] = (gamma - 1.0) * K / (m * R)
+            resistance = resistance_per_angle(phase, p, T, omega[n], node[n], parameters, gas, printed)
+            rate[i] = (gamma - 1.0) / (falls[i] * V) * (factor * (T_a - T) / resistance)
+            falls_by[i] = (gamma - 1.0) * factor / resistance / (m * R)
         change = _collect(rate, falls_by, span, stage[begin : begin + N_GAUSS])
         for i in range(N_GAUSS):
             n = begin + i
