@@ -1,6 +1,8 @@
 """Steady points, compiled: a point, a span of pressures, a batch.
 
 `slopes`: derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
+
+What is compiled of this module holds `gas.heat_cycle` and `pulse`, and is not renewed with them: `make clean-cache`.
 """
 
 from __future__ import annotations
