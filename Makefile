@@ -19,7 +19,7 @@ NULLS_CASES ?= 116
 SEED ?=
 
 .PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc sbc-strata nulls follow-ups evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures site pages house lock \
-  clean clean-cache
+  clean
 
 help:
 	@echo "make demo    install, sweep a virtual bench that conceals physics, name it, reveal it: $(OUT)/demo/index.html"
@@ -51,7 +51,6 @@ help:
 	@echo "make house   measure the code base: its size, what has grown too large, what imports in circles (LIST=1: which)"
 	@echo "make lock    pin what requirements.lock lacks; make lock UPGRADE=--upgrade pins everything anew"
 	@echo "make clean   remove $(VENV) and $(OUT)"
-	@echo "make clean-cache   remove compiled kernels, after a constant of another module was changed"
 
 setup: $(STAMP)
 
@@ -215,6 +214,3 @@ lock: $(STAMP)
 
 clean:
 	rm -rf $(VENV) $(OUT)
-
-clean-cache:
-	find . -path ./$(VENV) -prune -o -path '*/__pycache__/*.nb[ic]' -type f -exec rm -f {} +

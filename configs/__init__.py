@@ -2,6 +2,10 @@
 
 TOML is read strictly: a misspelt key is refused with the nearest one suggested, a value of the wrong kind is refused
 with its place, and all the mistakes of a file are reported at once. Nothing is converted silently.
+
+units     of the files' figures
+sources   which of the project's files import which
+compiled  functions that numba compiles, and when they are made anew
 """
 
 from __future__ import annotations

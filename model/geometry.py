@@ -21,8 +21,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import layout as at
 
 

@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from numba import njit
+from configs.compiled import njit
 
 
 @njit(error_model="numpy", cache=True)

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 TARGET = Path(__file__).resolve().parent.parent / "model" / "gas" / "air_coefficients.py"
-EQUATIONS = TARGET.with_name("_air_equations.py")
 T_REFERENCE = 300.0
 T_TRIPLE = 273.16
 T_RANGE = (230.0, 400.0)
@@ -226,7 +225,6 @@ def main() -> int:
     parser.add_argument("--check", action="store_true", help="compare only, write nothing")
     if not parser.parse_args().check:
         TARGET.write_text(render(generate()), encoding="utf-8")
-        EQUATIONS.touch()  # numba's cache watches only the file that holds the functions, not the constants they use
         print(f"wrote {TARGET.name}")
         return 0
     found = differences()

@@ -12,10 +12,10 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from calibration.fit.integrated import Integrated
 from calibration.work.threads import each
+from configs.compiled import njit
 
 WIDER = 1.2  # than the curvature says: where coefficients are fitted
 POINTS_PER_TERM, FEWEST_POINTS = 4.0, 100

@@ -17,7 +17,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from configs.compiled import njit
 
 LEAST = 1e-3  # of its typical value: no value that varies by a factor is taken to fall below
 TRIMS = 6  # passes of the regression that leave out what lies far off the ridge

@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from configs.compiled import njit
 
 BAD = 0.01  # probability that a single reading is bad, before looking
 BAD_WIDTH = 10.0  # a bad reading's error is as dense at 0 as a normal one of so many sds of a good one

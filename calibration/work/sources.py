@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 import functools
 import hashlib
 import json
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from configs.sources import ROOT, file_of, imports_of, ours_among
+
 EVERYTHING = ("calibration", "model", "configs", "rig/recording")
 DIAGNOSIS = "calibration.diagnosis"
 # What imports the modules of a package by looking into it, and the package.
@@ -34,7 +34,7 @@ def diagnosis_sha256() -> str:
 def imported_sha256(*roots: str) -> str:
     """Of these modules, of our own ones that they import, directly or not, and of the configs."""
     configs = [path for path in _sources() if path.suffix == ".toml"]
-    return _hash(sorted([*configs, *(_file(name) for name in imported(*roots))]))
+    return _hash(sorted([*configs, *(file_of(name) for name in imported(*roots))]))
 
 
 @functools.cache
@@ -56,26 +56,14 @@ def imported(*roots: str) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
-def _imported_by(name: str) -> list[str]:
+def _imported_by(name: str) -> tuple[str, ...]:
     """Our own modules that a module imports by name, at its top or in a function, and the packages they lie in."""
-    names = []
-    for node in ast.walk(ast.parse(_file(name).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    found = imports_of(file_of(name))
     if name in FOUND_BY_LOOKING:
-        folder = _file(FOUND_BY_LOOKING[name]).parent
+        folder = file_of(FOUND_BY_LOOKING[name]).parent
         below = [path.relative_to(ROOT).with_suffix("").parts for path in folder.rglob("*.py")]
-        names += [".".join(parts) for parts in below if parts[-1] != "__init__"]
-    parts = [one.split(".") for one in names]
-    packages = {".".join(one[:end]) for one in parts for end in range(1, len(one) + 1)}
-    return [one for one in packages if _file(one).is_file()]
-
-
-def _file(name: str) -> Path:
-    path = ROOT.joinpath(*name.split("."))
-    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        found += ours_among([".".join(parts) for parts in below if parts[-1] != "__init__"])
+    return found
 
 
 def _sources() -> list[Path]:

@@ -15,9 +15,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import PchipInterpolator
 
+from configs.compiled import njit
 from model import layout as at
 from model.effects import laws, uneven
 from model.effects.effect import State

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import layout as at
 from model.effects.effect import Effect, State, Values, unknown_state
 from model.effects.library import effects

@@ -17,8 +17,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import geometry, motion
 from model import layout as at
 from model.effects import laws

@@ -8,8 +8,8 @@ tachometer reads 2 pi over the time of the turn, and the air per turn hardly cha
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import layout as at
 from model.effects import laws
 from model.effects.effect import unknown_state

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from configs.compiled import njit
 from configs.units import BAR
 from model.gas import air_coefficients as fitted
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import layout as at
 from model.gas import air, transport
 from model.gas.heat_transfer import COMPRESSION, DISCHARGE, EXPANSION, SUCTION

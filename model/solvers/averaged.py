@@ -4,15 +4,13 @@ It is the steady cycle of `steady` with the speed held, so it has no ripple, and
 at once. Against `transient` that is wrong by a few per cent of a run's speed for the first hundredths of a second
 after a valve turns, and by the pulses. What a run does when a parameter changes a little it has right to about a
 hundredth of that change, and smoothly.
-
-What is compiled of this module holds `gas.heat_cycle` and `pulse`, and is not renewed with them: `make clean-cache`.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import geometry
 from model import layout as at
 from model.gas import heat_cycle

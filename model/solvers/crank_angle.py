@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import geometry, motion
 from model import layout as at
 from model.gas.cylinder import CLOSED, INLET, closed_rate, open_flow, phase_of

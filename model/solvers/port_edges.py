@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import geometry
 from model import layout as at
 from model.gas.cylinder import CLOSED, INLET, open_port, port_at

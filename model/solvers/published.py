@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import geometry, motion
 from model import layout as at
 from model.gas.cylinder import CLOSED, INLET, OUTLET, gas_state, open_flow, open_port, phase_of, port_at

@@ -18,8 +18,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import geometry, motion
 from model import layout as at
 from model.gas.cylinder import INLET, OUTLET, port_at

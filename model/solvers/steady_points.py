@@ -1,8 +1,6 @@
 """Steady points, compiled: a point, a span of pressures, a batch.
 
 `slopes`: derivatives with pressure too, to 1 %: they carry the pressure's noise into speed and flow.
-
-What is compiled of this module holds `gas.heat_cycle` and `pulse`, and is not renewed with them: `make clean-cache`.
 """
 
 from __future__ import annotations
@@ -10,8 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from configs.compiled import njit
 from model import geometry
 from model import layout as at
 from model.gas import heat_cycle

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from configs.compiled import njit
 from model import geometry
 from model import layout as at
 from model.gas.cylinder import CLOSED, INLET, gas_state

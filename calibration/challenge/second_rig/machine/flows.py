@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from calibration.challenge.second_rig.machine.curve import AREA, BORE
 from calibration.challenge.second_rig.machine.slots import AT, R_AIR
+from configs.compiled import njit
 
 CHOKED = 0.528  # pressure ratio below which a nozzle's flow no longer grows: (2/(g + 1))^(g/(g - 1)) for g = 1.4
 NOZZLE = 0.6847  # choked flow: NOZZLE A P / sqrt(R T)

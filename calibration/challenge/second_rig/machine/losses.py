@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from calibration.challenge.second_rig.machine.slots import AT, DRAG_SPEED
+from configs.compiled import njit
 
 F = AT["f_overall"]
 DRY, DRY_WIDTH = AT["dry_nm"], AT["dry_width_rad_s"]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from calibration.challenge.second_rig.machine import curve
 from calibration.challenge.second_rig.machine.flows import PA
 from calibration.challenge.second_rig.machine.losses import COSINE, SECOND, SINE, F, drag
 from calibration.challenge.second_rig.machine.motor import FR, IN, OMEGA, STEP_S, THETA, TURNED, J, rest, step
 from calibration.challenge.second_rig.machine.slots import PULSE
+from configs.compiled import njit
 
 TABLE = curve.table()
 LOBE_PULSES, TURN_PULSES = 7, 28  # pulses in a lobe, and in a turn of four lobes

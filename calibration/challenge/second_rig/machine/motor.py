@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from calibration.challenge.second_rig.machine.curve import AREA, BORE, CELLS, GAS_ARM, ROLLER_ARM, VOLUME
 from calibration.challenge.second_rig.machine.flows import (
@@ -33,6 +32,7 @@ from calibration.challenge.second_rig.machine.flows import (
 )
 from calibration.challenge.second_rig.machine.losses import drag, swing
 from calibration.challenge.second_rig.machine.slots import AT, CYLINDERS, GAMMA, LOBE, R_AIR
+from configs.compiled import njit
 
 STEP_S = 2.5e-5
 CV = R_AIR / (GAMMA - 1.0)

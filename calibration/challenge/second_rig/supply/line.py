@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numba import njit
 
 from calibration.challenge.second_rig.machine.flows import nozzle, relaxed
 from calibration.challenge.second_rig.machine.motor import DROP_IN, DROP_OUT, IN, OMEGA, PA, THETA, TIN, step
 from calibration.challenge.second_rig.machine.slots import BAR, L_MIN, R_AIR
+from configs.compiled import njit
 
 MM2 = 1e-6  # in m2
 LITRE = 1e-3  # in m3

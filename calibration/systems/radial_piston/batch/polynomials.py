@@ -9,9 +9,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from calibration.systems.radial_piston.batch.rows import of_set
+from configs.compiled import njit
 from model.solvers import steady
 
 COLUMNS = np.array([steady.SPEED_OUT, steady.VOLUME_FLOW, steady.SPEED_SLOPE, steady.FLOW_SLOPE])

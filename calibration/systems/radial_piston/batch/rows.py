@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from calibration.data.measurement import BELOW, MISSING, OBSERVED
 from calibration.likelihood.bad_reading import variances
+from configs.compiled import njit
 from configs.units import BAR
 from model.layout import L_MIN, RPM
 from model.solvers import steady
