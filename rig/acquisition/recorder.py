@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from typing import Any, Protocol
 
 from rig.acquisition.channels import Channels
@@ -14,6 +15,7 @@ from rig.acquisition.stage import Stage
 from rig.readings import Exchange
 
 LENGTH = 4096  # exchanges
+QUESTION_FIRST_S = 0.0003  # before it writes, so that the line has the processor until its next question is out
 PATIENCE_S = 10.0  # real time that a line waits for the recorder before the run is given up
 
 
@@ -59,6 +61,8 @@ class Recorder(threading.Thread):
         """Write until `finish`."""
         while True:
             item = self._queue.get()
+            if self._queue.empty():
+                time.sleep(QUESTION_FIRST_S)
             try:
                 if item is None:
                     return

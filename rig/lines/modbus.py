@@ -219,7 +219,7 @@ def decode(request: Request, framing: str, transaction: int | None, frame: bytes
         if not _RTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big")):
             raise BadReplyError(f"{asked}: wrong CRC in {frame[:16].hex(' ')}")
     else:
-        if _answer_in(request, frame) and _is_no_tcp(frame):
+        if _is_no_tcp(frame) and _answer_in(request, frame):
             raise BadReplyError(
                 f'{asked}: an RTU frame where Modbus TCP was expected: write framing = "rtu" at this line in the bench '
                 "file, as for a serial bus behind a converter"
