@@ -94,6 +94,18 @@ class RunInTime:
         return int(self.time.size)
 
     @property
+    def stood(self) -> float:
+        """Share of the time from the valve to the first sample that is compared until which the rotor was seen at rest
+        [-]: caught at a dead point, or its line filled slowly.
+        """
+        opened = next((span.start_s for span in self.valve if span.is_open), math.inf)
+        first = float(self.begin[self.used].min(initial=math.inf))
+        at_rest = self.time[(self.speed < REST_RAD_S) & (self.time <= first)]
+        if not self.from_rest or not at_rest.size or not opened < first < math.inf:
+            return 0.0
+        return max(float(at_rest[-1]) - opened, 0.0) / (first - opened)
+
+    @property
     def over(self) -> float:
         """When the last sample that is compared ends [s]."""
         return float(self.time[self.used][-1]) if self.used.any() else float(self.time[-1])

@@ -1,8 +1,9 @@
 """The second rig: it makes the challenge's recordings, and shares rig.recording alone with what it tests.
 
 Another integrator, gas that flows through ports at a finite rate, other functional forms, its own sensors. Nothing of
-`model` or of the rest of the calibration is imported here (an import contract holds it). docs/second-rig.md tells what
-it does, and how far it and the article's reference figures agree.
+`model` or of the rest of the calibration is imported here (an import contract holds it), and of `configs` only
+`compiled`, which says when what numba compiled is made anew. docs/second-rig.md tells what it does, and how far it and
+the article's reference figures agree.
 
 machine     the motor
 supply      the line ahead of it, and where it stands under load

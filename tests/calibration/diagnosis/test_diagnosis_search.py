@@ -384,6 +384,42 @@ def test_a_line_that_empties_late_is_no_missing_physics(tmp_path: Path) -> None:
     assert detection.p_value > 0.01
 
 
+@pytest.mark.parametrize("bend", [-0.3, 0.0, 0.3, 0.5])
+def test_a_line_empties_through_a_valve_that_opens_evenly(bend: float) -> None:
+    own = {f"venting_form_{k}": 0.0 for k in range(len(FORMS))} | {"venting_late": 0.01, "venting_bend": bend}
+    own |= {"venting_time": 0.04, "venting_valve": 0.015}
+    time, valve = np.linspace(0.0, 0.3, 3001), (Supply(-1.0, 2e5, True), Supply(0.0, 1e5, False))
+    opened = np.clip((time - 0.01) / 0.03, 0.0, 1.0)
+    left = np.ones(time.size)
+    for k in range(1, time.size):  # dx/dt = -open x^(1 - bend) / time, by the midpoint
+        rate, mean_open = left[k - 1], 0.5 * (opened[k - 1] + opened[k])
+        middle = max(rate - 0.5 * 1e-4 * mean_open / 0.04 * max(rate, 0.0) ** (1.0 - bend), 0.0)
+        left[k] = max(rate - 1e-4 * mean_open / 0.04 * middle ** (1.0 - bend), 0.0)
+    assert Course(valve, own, 1.0).share(time) == pytest.approx(left, abs=2e-4)
+
+
+def base_of_null(folder: Path, seed: int) -> dict[str, float]:
+    """Most probable nuisances of a recording by the second rig in which nothing is missing [prior sds]."""
+    truth = draw("development", seed, "follow-ups")
+    assert not truth.ids
+    make_recording(truth, folder / "null")
+    comparison, base = fit_base(read_recording(folder / "null"), lambda *_: None)
+    return {one.name: float(z) for one, z in zip(comparison.problem.nuisances, base.z, strict=True)}
+
+
+@pytest.mark.slow
+def test_a_line_that_a_slow_valve_vents_is_no_surprise(tmp_path: Path) -> None:
+    found = base_of_null(tmp_path, 740149)  # valve 0.055 s, line 0.22 L
+    forms = [found[f"coast_down.csv.venting_form_{k}"] for k in range(len(FORMS))]
+    assert np.abs(forms).max() < 2.0
+
+
+@pytest.mark.slow
+def test_a_rotor_that_is_caught_while_its_line_fills_is_no_surprise(tmp_path: Path) -> None:
+    found = base_of_null(tmp_path, 740093)  # moves at 0.02 s, stands from 0.09 to 0.48 s
+    assert abs(found["spin_up.csv.begun"]) < 2.0
+
+
 def test_a_line_has_no_kink_where_its_two_lags_are_alike() -> None:
     """A search that comes there would find no way on."""
     own = {"opening_late": 0.0, "opening_time": 0.03} | {f"opening_form_{k}": 0.0 for k in range(len(FORMS))}

@@ -60,7 +60,8 @@ def nuisances_of(motor: Motor, recording: Recording, blocks: Blocks, any_turn: b
     for run in blocks.runs:
         found += line_unknowns(run, recording.supply) + wheel.wheel_unknowns(run, recording)
         if run.from_rest:
-            found.append(unknown_of_run(run.file, BEGUN, "-", "normal", 0.0, BEGUN_SD, "nobody set it"))
+            sd = math.hypot(BEGUN_SD, run.stood)  # once caught, it may have broken away at any time since
+            found.append(unknown_of_run(run.file, BEGUN, "-", "normal", 0.0, sd, "nobody set it"))
     # A torque that follows the shaft is told from where that stood in the first run.
     for run in blocks.runs[0 if any_turn else 1 :]:
         found.append(unknown_of_run(run.file, TURN, "rad", "normal", 0.0, TURN_SD, "nobody noted it"))

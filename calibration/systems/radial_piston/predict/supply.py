@@ -1,9 +1,9 @@
 """The line between valve and motor in a run in time: what its pressure does, from a few unknowns with priors.
 
-A valve takes its time, a regulator lags, a volume fills and empties: two first-order lags in a row, which begin some
-time after the valve is said to move. What no such form has right (a regulator that overshoots, an orifice that chokes)
-is left to a few free deviations. A step is the special case. Shares count from the vented line (0) to the settled
-one (1).
+A line that fills is two first-order lags in a row: a regulator or a volume, and a valve. One that empties does so
+through a valve that opens evenly, and through the motor. Both begin some time after the valve is said to move. What no
+such form has right (a regulator that overshoots, an orifice that chokes) is left to a few free deviations. A step is
+the special case. Shares count from the vented line (0) to the settled one (1).
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ REGULATOR_S, EMPTYING_S, VALVE_S = 0.05, 0.03, 0.01  # time constants where noth
 LEAST_S = 1e-3  # what is stated to be quicker, a step among them, is taken to need so long
 UNSTATED, UNSTATED_VALVE, STATED = 5.0, 3.0, 2.0  # factors by which they may be off
 FORMS = (0.4, 1.0, 2.5, 6.0)  # where the free deviations have their middles, in sums of the time constants
-FORM_SD = 0.04  # of each, in shares of the step
+FORM_SD = {"opening": 0.04, "venting": 0.02}  # of each, in shares of the step; an emptying has fewer causes
 LOG_WIDTH = math.log(2.5)
+BEND, BEND_SD = 0.3, 0.3  # of what empties a line: a root, 0.5, and a straight line, 0, lie within it
+STRAIGHT, EMPTY = 1e-9, 1e-12  # a bend that is as good as none; what is left of a line, to the power of its bend
 FLOOR_PA = 1000.0  # by which a line that is being vented stays above the ambient while the motor turns
 WANDERS, WANDER_SD = 8, 0.002  # pieces in which an open line goes up and down, and by how much, in shares of the step
 STEADY_STEP_S = 0.02  # of the staircase, once the line has settled
@@ -62,7 +64,9 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
             unknown_of_run(run.file, f"{way}_valve", "s", "lognormal", *valve, "a valve's time"),
         ]
         for k in range(len(FORMS)):
-            found.append(unknown_of_run(run.file, f"{way}_form_{k}", "-", "normal", 0.0, FORM_SD, "no line is exact"))
+            found.append(
+                unknown_of_run(run.file, f"{way}_form_{k}", "-", "normal", 0.0, FORM_SD[way], "no line is exact")
+            )
     if OPENING in ways_of(run):
         for k in range(WANDERS):
             found.append(
@@ -70,6 +74,7 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
             )
     found.append(unknown_of_run(run.file, "gauge_late", "s", "normal", 0.0, GAUGE_LATE_SD, "a gauge's own time"))
     if VENTING in ways_of(run):
+        found.append(unknown_of_run(run.file, "venting_bend", "-", "normal", BEND, BEND_SD, "orifice or motor"))
         found.append(unknown_of_run(run.file, "floor", "Pa", "normal", FLOOR_PA, FLOOR_PA, "a vent's own loss"))
     return found
 
@@ -77,7 +82,7 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
 def own_of_line(file: str) -> list[str]:
     """Names of the unknowns that say how a run's line goes, without the small deviations."""
     ways = (f"{file}.{way}_{what}" for way in (OPENING, VENTING) for what in ("late", "time", "valve"))
-    return [f"{file}.supply", *ways, f"{file}.floor", f"{file}.begun"]
+    return [f"{file}.supply", *ways, f"{file}.venting_bend", f"{file}.floor", f"{file}.begun"]
 
 
 def _constant(stated: float | None, sd: float | None, otherwise: float, factor: float) -> tuple[float, float]:
@@ -150,7 +155,9 @@ class Course:
         after = np.asarray(time) - self.own[f"{way}_late"]
         slow, fast = self.own[f"{way}_time"], self.own[f"{way}_valve"]
         begun = np.maximum(after, 0.0)
-        if abs(slow - fast) < ALIKE * slow:  # the limit, to second order the same
+        if way == VENTING:
+            found = 1.0 - self._left(begun)
+        elif abs(slow - fast) < ALIKE * slow:  # the limit, to second order the same
             mean = begun / (0.5 * (slow + fast))
             found = 1.0 - (1.0 + mean) * np.exp(-mean)
         else:
@@ -161,3 +168,15 @@ class Course:
             found = found + self.own[f"{way}_form_{k}"] * hat
         answer: np.ndarray = np.where(after > 0.0, found, 0.0)
         return answer
+
+    def _left(self, begun: np.ndarray) -> np.ndarray:
+        """What is left in a line that empties through a valve which opens evenly, by dx/dt = -open x^(1 - bend) / time.
+
+        A bend of 0.5 is a flow that goes with the root of the overpressure, as through an orifice; one of 0 goes with
+        it, as through a motor.
+        """
+        slow, opens, bend = self.own["venting_time"], 2.0 * self.own["venting_valve"], self.own["venting_bend"]
+        passed = np.where(begun < opens, begun * begun / (2.0 * opens), begun - 0.5 * opens) / slow
+        bend = bend if abs(bend) > STRAIGHT else STRAIGHT
+        left: np.ndarray = np.exp(np.log1p(np.maximum(-bend * passed, EMPTY - 1.0)) / bend)
+        return left
