@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import json
 import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TypeVar
 
 ROOT = Path(__file__).resolve().parents[1]
 OURS = ("calibration", "configs", "model", "rig", "spinbench")
+Node = TypeVar("Node", str, Path)
 # An import statement; the parser of `ast` takes 30 times as long, which every start of a command would wait for.
 IMPORT = re.compile(r"^ *(?:from +([\w.]+) +import +(\([^)]*\)|.+)|import +(.+))$", re.MULTILINE)
 
@@ -42,15 +46,25 @@ def file_of(name: str) -> Path:
     return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 
 
+def reached(roots: Iterable[Node], next_to: Callable[[Node], Iterable[Node]]) -> list[Node]:
+    """What is reached from some, directly or not, themselves among it; sorted."""
+    found: set[Node] = set()
+    left = list(roots)
+    while left:
+        node = left.pop()
+        if node not in found:
+            found.add(node)
+            left += next_to(node)
+    return sorted(found)
+
+
 @functools.cache
 def made_of_sha256(file: str) -> str:
     """A hash of a file, and of ours that it imports, directly or not."""
-    found: set[Path] = set()
-    left = [Path(file)]
-    while left:
-        path = left.pop()
-        if path not in found:
-            found.add(path)
-            left += [file_of(name) for name in imports_of(path)]
-    contents = [(path.relative_to(ROOT).as_posix(), path.read_bytes()) for path in sorted(found)]
-    return hashlib.sha256(repr(contents).encode()).hexdigest()
+    return sha256_of(reached([Path(file)], lambda path: map(file_of, imports_of(path))))
+
+
+def sha256_of(paths: Iterable[Path]) -> str:
+    """A hash of the names and contents of our files."""
+    contents = [(path.relative_to(ROOT).as_posix(), hashlib.sha256(path.read_bytes()).hexdigest()) for path in paths]
+    return hashlib.sha256(json.dumps(contents).encode()).hexdigest()

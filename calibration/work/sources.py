@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import json
 from pathlib import Path
 
-from configs.sources import ROOT, file_of, imports_of, ours_among
+from configs.sources import ROOT, file_of, imports_of, ours_among, reached, sha256_of
 
 EVERYTHING = ("calibration", "model", "configs", "rig/recording")
 DIAGNOSIS = "calibration.diagnosis"
@@ -22,7 +20,7 @@ SCORER = ("calibration/challenge/", "rig/recording/")
 @functools.cache
 def code_sha256() -> str:
     """Of all sources of calibration, model, configs and rig.recording."""
-    return _hash(_sources())
+    return sha256_of(_sources())
 
 
 def diagnosis_sha256() -> str:
@@ -34,26 +32,19 @@ def diagnosis_sha256() -> str:
 def imported_sha256(*roots: str) -> str:
     """Of these modules, of our own ones that they import, directly or not, and of the configs."""
     configs = [path for path in _sources() if path.suffix == ".toml"]
-    return _hash(sorted([*configs, *(file_of(name) for name in imported(*roots))]))
+    return sha256_of(sorted([*configs, *(file_of(name) for name in imported(*roots))]))
 
 
 @functools.cache
 def scorer_sha256() -> str:
     """Of those that make and score a challenge."""
-    return _hash([path for path in _sources() if path.relative_to(ROOT).as_posix().startswith(SCORER)])
+    return sha256_of([path for path in _sources() if path.relative_to(ROOT).as_posix().startswith(SCORER)])
 
 
 @functools.cache
 def imported(*roots: str) -> tuple[str, ...]:
     """Names of our own modules that these import, directly or not, themselves among them; sorted."""
-    found: set[str] = set()
-    left = list(roots)
-    while left:
-        name = left.pop()
-        if name not in found:
-            found.add(name)
-            left += _imported_by(name)
-    return tuple(sorted(found))
+    return tuple(reached(roots, _imported_by))
 
 
 def _imported_by(name: str) -> tuple[str, ...]:
@@ -69,8 +60,3 @@ def _imported_by(name: str) -> tuple[str, ...]:
 def _sources() -> list[Path]:
     found = [path for room in EVERYTHING for path in (ROOT / room).rglob("*") if path.suffix in (".py", ".toml")]
     return sorted(path for path in found if "__pycache__" not in path.parts)
-
-
-def _hash(paths: list[Path]) -> str:
-    contents = [(path.relative_to(ROOT).as_posix(), hashlib.sha256(path.read_bytes()).hexdigest()) for path in paths]
-    return hashlib.sha256(json.dumps(contents).encode()).hexdigest()

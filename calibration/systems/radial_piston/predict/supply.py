@@ -173,7 +173,7 @@ class Course:
         """What is left in a line that empties through a valve which opens evenly, by dx/dt = -open x^(1 - bend) / time.
 
         A bend of 0.5 is a flow that goes with the root of the overpressure, as through an orifice; one of 0 goes with
-        it, as through a motor.
+        it, as through a motor. The valve is open after twice its time constant, which delays as much as its lag would.
         """
         slow, opens, bend = self.own["venting_time"], 2.0 * self.own["venting_valve"], self.own["venting_bend"]
         passed = np.where(begun < opens, begun * begun / (2.0 * opens), begun - 0.5 * opens) / slow
