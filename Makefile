@@ -18,7 +18,7 @@ MIXED_CASES ?= 60
 NULLS_CASES ?= 116
 SEED ?=
 
-.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc sbc-strata nulls follow-ups evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures site pages house lock \
+.PHONY: help setup demo demo-sweep test long live quick quick-tests lint kernels bench chain sbc sbc-strata nulls follow-ups allowances evidence kills faults conformance fuzz soak docs-commands challenge record demonstration figures site pages house lock \
   clean
 
 help:
@@ -39,6 +39,7 @@ help:
 	@echo "make sbc     simulation-based calibration of the whole fit (a campaign, resumable)"
 	@echo "make sbc-strata   the same of Laplace's intervals in strata, and against emcee (a campaign, resumable)"
 	@echo "make nulls   how often a mismatch is seen where there is none: 1200 nulls of each noise class (hours, resumable)"
+	@echo "make allowances   what each allowance of the diagnosis costs, on 24 recordings (minutes, resumable)"
 	@echo "make follow-ups   what recommended tests promise against what they give, on 100 cases (hours, resumable)"
 	@echo "make evidence   the evidence that sets are weighed by, against nested sampling in 50 sweeps (long, resumable)"
 	@echo "make challenge   a blind campaign of 200 cases, in $(CHALLENGE) (long, resumable)"
@@ -150,6 +151,10 @@ sbc-strata: $(STAMP)
 # PAGE=docs/follow_ups also writes the page there.
 follow-ups: $(STAMP)
 	$(ONE_THREAD) $(BIN)/python -m calibration.studies.follow_ups -o $(OUT)/follow_ups $(if $(PAGE),--page $(PAGE))
+
+# PAGE=docs/allowances also writes the page there.
+allowances: $(STAMP)
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.allowances -o $(OUT)/allowances $(if $(PAGE),--page $(PAGE))
 
 # PAGE=docs/nulls also writes the page there.
 nulls: $(STAMP)
