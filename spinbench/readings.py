@@ -210,7 +210,11 @@ def _place_of(parent: str, child: Path, logs: Path) -> Path:
 
 
 def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) -> None:
-    """Refuse readings that are given twice, whatever their path: they would count twice, or be predicted once seen."""
+    """Refuse readings that are given twice, whatever their path: they would count twice, or be predicted once seen.
+
+    So is a run held out that one instrument would have read while it read another.
+    """
+    from calibration.data.together import refuse_unlike
     from rig.recording import RecordingError
 
     def is_same(one: Recording, other: Recording) -> bool:
@@ -231,6 +235,8 @@ def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) ->
                 raise RecordingError(
                     f"a recording is given twice: {these}; its readings would count twice, so name it once"
                 )
+    if unseen is not None:
+        refuse_unlike([*parts, unseen])
 
 
 def _read_in(recording: Recording) -> set[tuple[tuple[str, bytes], ...]]:

@@ -43,7 +43,8 @@ def together(recordings: Sequence[Recording]) -> Recording:
             replace(file, file=f"{names[number - 1]}/{file.file}", start_s=start + file.start_s) for file in one.files
         ]
         start += max((_end(file) for file in one.files), default=0.0) + GAP_S
-    return replace(first, files=tuple(files), sha256="", origin=_origins(recordings))
+    folders = dict.fromkeys(folder for one in recordings for folder in one.folders)
+    return replace(first, files=tuple(files), sha256="", origin=_origins(recordings), joined=tuple(folders))
 
 
 def _drifts(recording: Recording) -> bool:

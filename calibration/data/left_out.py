@@ -34,12 +34,17 @@ def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Re
             files = tuple(one for one in kept.files if one is not file)
         else:
             files = tuple(_blank(one, rows) if one is file else one for one in kept.files)
-        if not files:
+        if not any(_is_left(one) for one in files):
             raise RecordingError(f"--without {asked}: nothing of {kept.folder} is left")
         digest = hashlib.sha256(f"{kept.sha256} without {asked}".encode()).hexdigest() if kept.sha256 else ""
         said = f"{asked}: left out, as asked"
         found[k] = replace(kept, files=files, sha256=digest, warnings=(*kept.warnings, said))
     return found
+
+
+def _is_left(file: RecordingFile) -> bool:
+    """Whether something of a file is still read."""
+    return len(set(file.left_out)) < file.rows
 
 
 def _place(recordings: Sequence[Recording], asked: str) -> tuple[int, RecordingFile, list[int] | None]:

@@ -17,6 +17,12 @@ WORDS = {
 }
 
 
+def name_of(recordings: Sequence[Recording]) -> str:
+    """What recordings are called together: their folders' names, each once."""
+    folders = dict.fromkeys(folder for one in recordings for folder in one.folders)
+    return " and ".join(folder.resolve().name for folder in folders)
+
+
 def origins(recordings: Sequence[Recording]) -> list[str]:
     """A line for each recording that says where it comes from, with its name ahead where there are several."""
     lines = []

@@ -138,6 +138,7 @@ class Recording:
     """A recording: its files, the instruments that took them and the motor they belong to.
 
     `sha256`: over recording.toml and the data files, in their order; empty for a recording that was never read.
+    `joined`: the folders, where it is several recordings as one.
     `supply`: what is stated of the line between regulator and motor.
     `origin`: who took it, when and on what: date, operator, motor_serial, oil, note, parent, as far as stated.
     """
@@ -152,6 +153,12 @@ class Recording:
     sha256: str = ""
     supply: SupplyFigures = SupplyFigures()
     origin: Mapping[str, str] = field(default_factory=dict)
+    joined: tuple[Path, ...] = ()
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """Where it was read, in order."""
+        return self.joined or (self.folder,)
 
     @property
     def is_of_radial_piston(self) -> bool:

@@ -239,7 +239,9 @@ class FitResult:
         return page.picture(self.found) if isinstance(self.found, Fit) else whole.plateaus(self.found)
 
     def __repr__(self) -> str:
-        return f"<fit of {' and '.join(one.folder.name for one in self.recordings)}: {self.sentence}>"
+        from calibration.report.origin import name_of
+
+        return f"<fit of {name_of(self.recordings)}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
         from spinbench.api.frames import as_html

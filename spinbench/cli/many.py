@@ -13,7 +13,7 @@ import typer
 from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import CHANGED, UNUSABLE_INPUT
-from spinbench.cli.show import on_terminal, read_if_there, recordings_in, remark, tell_replaced
+from spinbench.cli.show import check_places, on_terminal, read_if_there, recordings_in, remark, tell_replaced
 from spinbench.extras import need
 from spinbench.progress import bars
 
@@ -34,6 +34,7 @@ def diagnose(
     from calibration import fleet
 
     _need_packages(scheduler)
+    check_places(out, None)
     found = fleet.recordings_in(recordings, readings.is_recording)
     rows = _diagnosed(found, seed, out, workers, scheduler)
     shown = [(str(row["recording"]), row["verdict"], " + ".join(row["effects"] or [])) for row in rows]
@@ -55,6 +56,7 @@ def fit(
     from calibration.fit.sampling import Settings
 
     _need_packages(scheduler)
+    check_places(out, None)
     found = fleet.recordings_in(recordings, readings.is_recording)
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     processes = workers or os.cpu_count() or 1
@@ -86,6 +88,7 @@ def trend(
     from rig.recording.files import write_files
 
     _need_packages(scheduler)
+    check_places(out, None)
     found = fleet.recordings_in(recordings, readings.is_recording)
     swept = [one for one in found if readings.is_swept(one)]
     if len(swept) < len(found):

@@ -43,6 +43,7 @@ def simulate(
     """Simulate the motor: an operating point, a sweep of the pressure, a spin-up or a coast-down."""
     if transient is not None and to is not None:
         raise typer.BadParameter("a run in time has one pressure: leave out --to or --transient")
+    check_places(out, json_file)
     chosen = motor_of(motor, assignments or [])
     if transient is not None:
         _simulate_transient(chosen, transient, pressure_bar_abs, duration_s, json_file, out)

@@ -10,7 +10,7 @@ import typer
 
 from spinbench.cli.errors import RUN_FAILED
 from spinbench.cli.options import LOGS, LogsOption, RunArgument
-from spinbench.cli.show import check_places, on_terminal, remark
+from spinbench.cli.show import on_terminal, remark
 from spinbench.readings import run_named
 
 OUT_HELP = "A folder to make, or a file that ends in .parquet, .h5, .hdf5, .nxs, .tdms or .mf4."
@@ -76,9 +76,10 @@ def export(
     """Export a run as a recording/1 folder, or its samples as Parquet, HDF5, TDMS or MDF 4."""
     from rig.exchange.export import export_recording
     from rig.exchange.samples.export import FORMATS, export_samples
+    from rig.recording import files
 
     as_samples = out.suffix.lower() in FORMATS
-    check_places(*((None, out) if as_samples else (out, None)))
+    files.check_places(*((None, out) if as_samples else (out, None)))
     read = run_named(run, logs)
     if as_samples:
         export_samples(read, out)

@@ -27,10 +27,18 @@ def on_terminal(*tables: object, width: int = WIDTH) -> None:
 
 
 def check_places(out: Path | None, json_file: Path | None) -> None:
-    """Whether results could be written, before the work that they come of."""
-    from rig.recording import files
+    """Whether results could be written, before the work that they come of.
 
-    files.check_places(out, None if json_file is None or str(json_file) == "-" else json_file)
+    Raises RecordingError where they would be written among the files of a recording or run.
+    """
+    from rig.recording import RecordingError, files
+    from spinbench.readings import is_recording
+
+    file = None if json_file is None or str(json_file) == "-" else json_file
+    files.check_places(out, file)
+    for folder in (out, None if file is None else file.parent):
+        if folder is not None and is_recording(folder):
+            raise RecordingError(f"{folder} is a recording or run, which stays as it is; name another folder")
 
 
 def write_report(out: Path, contents: Mapping[str, bytes], document: str) -> None:

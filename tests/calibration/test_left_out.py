@@ -62,6 +62,13 @@ def test_of_several_recordings_a_file_has_the_name_of_its_own_ahead(bench, tmp_p
     assert found[0].sha256 != both[0].sha256 and found[1].sha256 != both[1].sha256
 
 
+@pytest.mark.parametrize("asked", [["other/sweep.csv:1-26"], ["other/sweep.csv:1-13", "other/sweep.csv:14-26"]])
+def test_a_recording_of_which_no_row_is_left_is_refused_beside_another_too(bench, tmp_path, asked):
+    recordings.sweep(tmp_path / "other", 8, {})
+    with pytest.raises(RecordingError, match=r"nothing of .*other is left"):
+        without([read_recording(bench / "bench"), read_recording(tmp_path / "other")], asked)
+
+
 def test_a_level_stands_for_the_rows_that_read_it_as_it_is_written(bench):
     (recording,) = without([read_recording(bench / "bench")], ["sweep.csv:1.4bar,2"])
     read = read_recording(bench / "bench").files[0].columns["pressure_bar_abs"].values

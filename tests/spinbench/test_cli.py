@@ -185,6 +185,24 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path, spinbe
     assert "taken" in refused(spinbench_here(*command, "-o", "taken", cwd=tmp_path))
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fit", "sweep", "--json", "sweep/sweep.csv"),
+        ("diagnose", "sweep", "-o", "sweep/"),
+        ("many", "fit", "sweep", "-o", "sweep"),
+        ("simulate", "--pressure-bar-abs", "2", "--json", "sweep/recording.toml"),
+    ],
+)
+def test_results_are_not_written_over_a_recording(tmp_path, spinbench_here, words):
+    shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / "sweep")
+    before = {path.name: path.read_bytes() for path in (tmp_path / "sweep").iterdir()}
+    assert "sweep is a recording or run, which stays as it is; name another folder" in refused(
+        spinbench_here(*words, cwd=tmp_path)
+    )
+    assert {path.name: path.read_bytes() for path in (tmp_path / "sweep").iterdir()} == before
+
+
 def test_options_that_exclude_each_other_are_a_usage_error():
     result = run("simulate", "--pressure-bar-abs", "2", "--to", "3", "--transient", "spin-up")
     assert result.returncode == 2

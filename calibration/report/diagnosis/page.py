@@ -18,7 +18,7 @@ from calibration.report import along_dates, style
 from calibration.report.diagnosis import figures as draw
 from calibration.report.diagnosis import numbers, sets, words
 from calibration.report.fit.words import LEAST_P, figure, percent, probability, rounded
-from calibration.report.origin import origins
+from calibration.report.origin import name_of, origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row, title, titles
 from calibration.report.units import CAUTION, FAMILIAR, how_taken, on_an_axis, promise_in_short
@@ -113,7 +113,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
     """The texts and tables of the page."""
     problem, held_out = numbers.of_motor(found).problem, document["improvement"]["held_out"]
     return {
-        "name": problem.recording.folder.resolve().name,
+        "name": name_of([problem.recording]),
         "origins": origins([problem.recording]),
         "motor": problem.motor.name,
         "description": problem.motor.description,

@@ -14,7 +14,7 @@ from calibration.report.fit import numbers
 from calibration.report.fit import words as fit_words
 from calibration.report.fit.numbers import TARGET
 from calibration.report.fit.words import AnyFit, figure, probability, rounded, uncertainty, with_unit
-from calibration.report.origin import origins
+from calibration.report.origin import name_of, origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, versions
 from model.motor import Motor
 from rig.recording import Recording
@@ -104,7 +104,7 @@ def common(found: AnyFit) -> dict[str, Any]:
     """The texts and tables of the page of any fit."""
     pairs = numbers.trade_offs(found.posterior)
     return {
-        "name": " and ".join(one.folder.resolve().name for one in found.recordings),
+        "name": name_of(found.recordings),
         "origins": origins(found.recordings),
         "motor": found.motor.name,
         "description": found.motor.description,

@@ -144,7 +144,8 @@ def not_to_be_relied_on(posterior: Posterior) -> str:
 
 def next_command(found: AnyFit) -> str:
     """The command that looks for what the model lacks."""
-    return f"spinbench diagnose {' '.join(shlex.quote(str(one.folder)) for one in found.recordings)}"
+    folders = dict.fromkeys(folder for one in found.recordings for folder in one.folders)
+    return f"spinbench diagnose {' '.join(shlex.quote(str(folder)) for folder in folders)}"
 
 
 def p_in_words(p: float) -> str:

@@ -5,16 +5,21 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import tests.diagnosis_recordings as recordings
+from calibration.data.joined import as_given
 from calibration.diagnosis import as_json, diagnose, mismatch
+from calibration.report.fit.words import next_command
+from calibration.report.origin import name_of
 from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError, read_recording, write_recording
+from spinbench.published import published_sweep
 from tests import browser
 from tests.documents import check
 from tests.synthetic_runs import write_sweep
@@ -95,6 +100,18 @@ def test_the_report_of_two_days_leads_to_the_page_of_each(two_days: Path) -> Non
             assert window.url == (two_days / "out" / f"report_{name}.html").as_uri()
             assert f"Diagnosis of “{name}”" in window.inner_text("h1")
             assert window.locator("a").all_inner_texts() == [other]
+
+
+def test_recordings_that_are_one_are_all_named(tmp_path: Path) -> None:
+    (joined,) = as_given([recordings.sweep(tmp_path / name, seed, {}) for name, seed in (("one", 3), ("other", 8))])
+    assert name_of([joined]) == "one and other"
+    command = next_command(SimpleNamespace(recordings=[joined]))
+    assert command == f"spinbench diagnose {tmp_path / 'one'} {tmp_path / 'other'}"
+
+
+def test_the_next_command_names_a_recording_with_a_flywheel_in_one_run_once() -> None:
+    two = [read_recording(published_sweep())] * 2  # as `by_flywheel` has it
+    assert next_command(SimpleNamespace(recordings=two)).split()[2:] == [str(two[0].folder)]
 
 
 def test_a_zero_of_another_day_counts_beside_a_sweep_and_is_nothing_by_itself(tmp_path: Path) -> None:
@@ -280,6 +297,18 @@ def test_a_run_is_not_predicted_from_several_recordings_of_different_days(two_da
     assert done.returncode == 2, done.stderr
     assert "a run is predicted from one recording" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
+
+
+def test_a_run_is_not_held_out_that_an_instrument_read_beside_another(tmp_path: Path, spinbench_here) -> None:
+    for name, seed, minute in (("first", 3, "00"), ("unseen", 9, "05")):
+        recordings.sweep(tmp_path / name, seed, {})
+        named_by_serial(tmp_path / name, "speed_rpm", "T-1")
+        with (tmp_path / name / "recording.toml").open("a", encoding="utf-8") as file:
+            file.write(f'[origin]\ndate = "2026-05-28T08:{minute}:00Z"\n')
+    done = spinbench_here("diagnose", "first", "--hold-out", "unseen", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert "one instrument (speed_rpm, serial T-1) cannot have read both" in done.stderr.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
 
 
 def test_recordings_of_two_motors_are_refused_in_a_line(tmp_path: Path, spinbench_here) -> None:
