@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypeVar
 
 from rig.recording import Recording, RecordingError
 from rig.recording.mistakes import shown
 from rig.recording.origin import NOT_ISO, parsed
+
+Item = TypeVar("Item")
 
 
 def date_of(recording: Recording) -> datetime | None:
@@ -33,6 +36,15 @@ def refuse_other_than_iso(dates: Mapping[Path, str]) -> None:
             f"no history without the order of its dates, and [origin] date {NOT_ISO} in {', '.join(strange)}; write it "
             "so there, or take it out of all of them: they then stand in the order given"
         )
+
+
+def in_order(items: Sequence[Item], taken: Callable[[Item], datetime | None]) -> list[Item]:
+    """Items from the oldest to the newest; as they are given where one has no date."""
+    moments = [taken(one) for one in items]
+    known = [one for one in moments if one is not None]
+    if len(known) < len(moments):
+        return list(items)
+    return [items[i] for i in sorted(range(len(items)), key=known.__getitem__)]
 
 
 def as_text(taken: datetime | None) -> str | None:

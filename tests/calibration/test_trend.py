@@ -118,7 +118,14 @@ def test_each_motor_has_a_trend_of_its_own_and_an_alarm_where_it_changed() -> No
 
 def test_a_jump_and_back_is_a_change_without_a_slope() -> None:
     (alarm,) = trend.alarms(trend.trends(of_a_motor("A", 0.064, 0.072, 0.064, 0.0641)))
-    assert "changed" in alarm
+    assert alarm.endswith("0.0640 ± 0.0010 N m s in A1, 0.0720 ± 0.0010 N m s in A2, 0.0641 ± 0.0010 N m s in A4.")
+
+
+def test_what_was_first_is_told_by_the_moment_not_by_the_time_of_day() -> None:
+    rows = of_a_motor("A", 0.064, 0.080)
+    rows[0]["date"], rows[1]["date"] = "2026-06-01T09:00:00+00:00", "2026-06-01T10:00:00+02:00"
+    (alarm,) = trend.alarms(trend.trends(rows))
+    assert alarm.endswith("0.0800 ± 0.0010 N m s in A2, 0.0640 ± 0.0010 N m s in A1.")
 
 
 def test_alarms_of_what_does_not_change_are_as_rare_as_said() -> None:

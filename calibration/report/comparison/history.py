@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from calibration.data.dates import in_order
 from calibration.report.comparison import overlay, trend
 from calibration.report.diagnosis.words import quantity
 from calibration.report.render import HTML, Grid, inline, render, versions
 from calibration.report.sets_in_words import titles
 from rig.recording import Recording
+from rig.recording.origin import parsed
 
 
 def report(rows: Sequence[Mapping[str, Any]], recordings: Mapping[str, Recording]) -> dict[str, bytes]:
@@ -32,7 +34,7 @@ def _of_motor(
     motor: str, found: Sequence[trend.Trend], rows: Sequence[Mapping[str, Any]], recordings: Mapping[str, Recording]
 ) -> dict[str, Any]:
     mine = [row for row in rows if str(row.get("motor_serial") or "") == motor]
-    mine.sort(key=lambda row: str(row["date"] or ""))
+    mine = in_order(mine, lambda row: parsed(row["date"]))
     trends = [one for one in found if one.motor == motor]
     swept = [recordings[str(row["recording"])] for row in mine if str(row["recording"]) in recordings]
     laid = overlay.picture(swept)

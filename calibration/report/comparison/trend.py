@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data.dates import as_text
+from calibration.data.dates import in_order
 from calibration.diagnosis.document import Q95
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
@@ -84,25 +84,32 @@ def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
         for effect, (mean, sd) in figures_of(row).items():
             found.setdefault((motor, effect), []).append(Figure(str(row["recording"]), parsed(row["date"]), mean, sd))
     ordered = sorted(found.items(), key=lambda one: (one[0][0], one[0][1] != ""))
-    return [_trend(motor, effect, figures) for (motor, effect), figures in ordered if len(figures) > 1]
+    return [
+        _trend(motor, effect, in_order(figures, lambda one: one.taken))
+        for (motor, effect), figures in ordered
+        if len(figures) > 1
+    ]
 
 
 def alarms(found: Sequence[Trend]) -> list[str]:
     """Each quantity that changed, with what it was and is, in a sentence; all trends are priced."""
     return [
-        f"{one.title} changed ({p_in_words(one.line.change_p)}): {_first_and_last(one)}."
+        f"{one.title} changed ({p_in_words(one.line.change_p)}): {_what_it_was_and_is(one)}."
         for one in found
         if one.line is not None and one.line.change_p * len(found) < ALARM_P
     ]
 
 
-def _first_and_last(trend: Trend) -> str:
-    """The oldest and the newest figure; by the order given where one has no date."""
-    dated = [one for one in trend.figures if one.taken is not None]
-    ordered = sorted(dated, key=lambda one: str(one.taken)) if len(dated) == len(trend.figures) else trend.figures
+def _what_it_was_and_is(trend: Trend) -> str:
+    """The first and the last figure, and the farthest from the mean of all where that stands between them."""
+    ordered = trend.figures
+    weights = np.array([one.sd**-2.0 for one in ordered])
+    mean = float(np.average([one.mean for one in ordered], weights=weights))
+    farthest = max(range(len(ordered)), key=lambda i: abs(ordered[i].mean - mean) / ordered[i].sd)
     told = (
-        f"{quantity(one.mean, one.sd, trend.unit, trend.parameter)} in {one.recording.rpartition('/')[2]}"
-        for one in (ordered[0], ordered[-1])
+        f"{quantity(ordered[i].mean, ordered[i].sd, trend.unit, trend.parameter)} in "
+        f"{ordered[i].recording.rpartition('/')[2]}"
+        for i in sorted({0, farthest, len(ordered) - 1})
     )
     return ", ".join(told)
 
@@ -166,9 +173,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> bytes:
         }
         first = {"recording": str(row["recording"]), "date": row["date"], "motor_serial": row.get("motor_serial")}
         made.append(first | {"reliable": is_reliable(row)} | cells)
-    if all(row["date"] for row in made):
-        made.sort(key=lambda row: str(as_text(parsed(row["date"]))))
-    return many_table.as_csv(made, columns)
+    return many_table.as_csv(in_order(made, lambda row: parsed(row["date"])), columns)
 
 
 def picture(found: Sequence[Trend]) -> bytes:
