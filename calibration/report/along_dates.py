@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 COLUMNS = 2
 MOST_LABEL, MOST_WIDE = 24, 36  # characters under a point, and of a line along an axis
 MOST_TICKS = 6
+MOST_ALONG, MOST_UPRIGHT, MOST_NAMES = 36, 16, 10  # characters along an axis and of an upright name; names at an axis
 BAND = "#DCE9F3"
 
 
@@ -89,11 +90,21 @@ def _draw(axis: Axes, panel: Panel) -> None:
         axis.xaxis.set_major_locator(locator)
         axis.xaxis.set_major_formatter(matplotlib.dates.ConciseDateFormatter(locator))
     else:
-        axis.set_xticks(x, [_under(one) for one in panel.points], fontsize=7.5)
-        axis.set_xlim(-0.6, len(dates) - 0.4)
+        _name_points(axis, panel.points)
     scaled = f"10{str(power).translate(RAISED)} {panel.unit}".strip() if power else panel.unit or "1"
     axis.set_ylabel(textwrap.fill(style.label(panel.quantity, scaled), MOST_WIDE), parse_math=False)
     axis.set_title(panel.title, fontsize=8.5, parse_math=False)
+
+
+def _name_points(axis: Axes, points: Sequence[Point]) -> None:
+    """Recordings that stand side by side: names with dates, upright where that is too wide; not all of many."""
+    named = [_under(one, MOST_LABEL) for one in points]
+    upright = len(points) * max(len(line) for text in named for line in text.split("\n")) > MOST_ALONG
+    if upright:
+        named = [_under(one, MOST_UPRIGHT) for one in points]
+    each = -(-len(points) // MOST_NAMES)
+    axis.set_xticks(range(0, len(points), each), named[::each], fontsize=7.5, rotation=90 if upright else 0)
+    axis.set_xlim(-0.6, len(points) - 0.4)
 
 
 def _power(size: float) -> int:
@@ -102,6 +113,6 @@ def _power(size: float) -> int:
     return power if power < -3 or power > 3 else 0
 
 
-def _under(one: Point) -> str:
-    name = style.plain(one.recording[:MOST_LABEL])
+def _under(one: Point, most: int) -> str:
+    name = style.plain(one.recording[:most])
     return name if one.taken is None else f"{name}\n{one.taken.date().isoformat()}"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 
 import tests.diagnosis_recordings as recordings
 from calibration import fleet
+from calibration.report import along_dates
 from calibration.report.comparison import history, trend
 from calibration.work.trend import line_through
 from model.motor import Motor, read_motor
@@ -196,3 +199,16 @@ def test_a_motor_that_wears_is_told_along_the_dates_of_its_recordings(
         assert abs(float(row["f_overall_mean"]) - factor * TRUE) < 3.0 * float(row["f_overall_sd"])
     assert "f_overall: " in done.stderr and "a month" in done.stderr
     assert (tmp_path / "out" / "trend.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("count", "name"), [(2, "a"), (5, "may"), (60, "2026-05-25T08-00-00_virtual_sweep")])
+def test_the_names_of_recordings_side_by_side_do_not_overlap(count: int, name: str) -> None:
+    points = [
+        along_dates.Point(f"{name}{i}", datetime(2026, 5, 1, tzinfo=UTC) if i else None, 0.06, 0.05, 0.07)
+        for i in range(count)
+    ]
+    figure = along_dates.drawn([along_dates.Panel("f_overall", "f_overall", "N m s", points)])
+    figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in figure.axes[0].get_xticklabels()]
+    assert len(boxes) > 1
+    assert all(one.x1 <= other.x0 for one, other in itertools.pairwise(boxes))
