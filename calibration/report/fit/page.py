@@ -70,9 +70,10 @@ def table(found: AnyFit) -> Table:
     caption = "The model does not explain the readings: none of these figures is to be relied on." if wrong else None
     shown = Table("parameter", "unit", "mean", "sd", "5 %", "50 %", "95 %", "sd/prior", caption=caption)
     for e in found.posterior.estimates:
-        quantiles = (f"{e.quantiles[name]:.5g}" for name in ("q05", "q50", "q95"))
+        mean, sd, low, high = _spread(e)
         name = f"{TARGET} (do not rely on it)" if wrong and e.unknown.name == TARGET else e.unknown.name
-        shown.add_row(escape(name), e.unknown.unit, f"{e.mean:.5g}", f"{e.sd:.2g}", *quantiles, f"{e.sd_of_prior:.2f}")
+        middle = rounded(e.quantiles["q50"], e.sd)
+        shown.add_row(escape(name), e.unknown.unit, mean, sd, low, middle, high, f"{e.sd_of_prior:.2f}")
     return shown
 
 

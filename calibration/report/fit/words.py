@@ -14,6 +14,7 @@ from calibration.fit.posterior import Posterior
 from calibration.fit.whole import WholeFit
 from calibration.report.fit.numbers import TARGET, Suspect, strongest
 from calibration.report.sets_in_words import listed
+from calibration.report.units import RAISED
 from calibration.unknowns.priors import Error, OfEffect, OfInstrument, Unknown, full_name
 from model.effects import effects
 from rig.recording.columns import OF_CHANNEL
@@ -26,6 +27,7 @@ ERRORS = {
     Error.DRIFT: "drift of the offset",
 }
 FEW_ROWS = 3  # a row or two cannot tell friction from the gauge and the assumed parameters
+LEAST_PLAIN, MOST_PLAIN = 1e-8, 1e6  # an uncertainty outside is written with a power of ten
 LEAST_P = 1e-6  # a p-value below it is told as such: the tail that it comes from is not known better
 
 AnyFit = Fit | WholeFit
@@ -33,12 +35,14 @@ AnyFit = Fit | WholeFit
 
 def rounded(value: float, sd: float) -> str:
     """A value to the digit that the second figure of its uncertainty stands at, both in the same unit."""
+    if math.isfinite(value) and (0.0 < sd < LEAST_PLAIN or MOST_PLAIN <= sd < math.inf):
+        return _by_powers_of_ten(value, sd)
     return f"{value:z.{_decimals(sd)}f}".replace("-", "−")
 
 
 def uncertainty(sd: float) -> str:
     """An uncertainty to two significant figures, in its own unit."""
-    return f"{sd:.{_decimals(sd)}f}"
+    return rounded(sd, sd)
 
 
 def figure(value: float) -> str:
@@ -218,6 +222,15 @@ def _too_fast(found: Fit) -> list[str]:
 
 def _rows(found: AnyFit) -> str:
     return "one row" if found.rows == 1 else f"{found.rows} rows"
+
+
+def _by_powers_of_ten(value: float, sd: float) -> str:
+    if value == 0.0:
+        return "0"
+    of_value, of_sd = (math.floor(math.log10(float(f"{abs(one):.1e}"))) for one in (value, sd))
+    power = max(of_value, of_sd)
+    figures = f"{value * 10.0**-power:z.{power - of_sd + 1}f}"
+    return f"{figures}·10{str(power).translate(RAISED)}".replace("-", "−")
 
 
 def _decimals(sd: float) -> int:

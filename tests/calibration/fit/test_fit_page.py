@@ -264,10 +264,27 @@ def test_the_prior_s_density_integrates_to_one(found):
 
 @pytest.mark.parametrize(
     ("value", "sd", "text"),
-    [(0.06386, 0.00227, "0.0639"), (101266.6, 800.0, "101267"), (-4.6e-5, 0.058, "0.000"), (-0.0273, 0.0187, "−0.027")],
+    [
+        (0.06386, 0.00227, "0.0639"),
+        (101266.6, 800.0, "101267"),
+        (-4.6e-5, 0.058, "0.000"),
+        (-0.0273, 0.0187, "−0.027"),
+        (1.7234e-14, 2.1e-15, "1.72·10⁻¹⁴"),  # a leak [kg/(s Pa²)]
+        (-3e-16, 2.1e-15, "−0.3·10⁻¹⁵"),
+        (0.0, 2.1e-15, "0"),
+        (2.73456e7, 3.1e6, "2.73·10⁷"),  # a pressure rise [Pa s²/m⁶]
+    ],
 )
 def test_a_value_is_rounded_to_what_is_known_of_it(value, sd, text):
     assert fit_words.rounded(value, sd) == text
+
+
+def test_the_terminal_shows_the_figures_of_the_page(found):
+    cells = [list(column.cells) for column in fit_page.table(found).columns]
+    at = cells[0].index("f_overall")
+    one = found.posterior["f_overall"]
+    assert cells[2][at] == fit_words.rounded(one.mean, one.sd)
+    assert cells[3][at] == fit_words.uncertainty(one.sd)
 
 
 def test_the_page_opens_in_a_browser(files, tmp_path):
