@@ -80,7 +80,8 @@ def gather(
     for file in recording.files:
         if file.kind == "transient":
             continue
-        rows, skipped, locked = _rows_of(file, channels)
+        rows, *unused = _rows_of(file, channels)
+        skipped, locked = ([row for row in these if row not in file.left_out] for these in unused)
         if locked:
             these = f"row{'s' * (len(locked) > 1)} {_listed(locked)}"
             notes.append(f"{file.file}: {these} not used by a fit (the rotor is locked); a diagnosis uses their flow")

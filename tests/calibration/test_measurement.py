@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.data import measurement
+from calibration.data.left_out import without
 from calibration.data.measurement import ABOVE, BELOW, MISSING, OBSERVED, Measurement
 from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis import diagnose
@@ -45,6 +46,14 @@ def test_a_row_that_cannot_be_used_is_skipped_and_named(gathered):
     measured = gathered(("sweep.csv", "steady", sweep))
     assert measured.steady.row.tolist() == [1, 4]
     assert any("sweep.csv: rows 2, 3 not used" in note for note in measured.notes)
+
+
+def test_a_row_that_the_user_leaves_out_is_not_said_to_lack_readings(put_recording):
+    sweep = f"{HEADER}1.6,44,232\n1.8,54,313\n2.0,,\n"
+    (recording,) = without([read_recording(put_recording(("sweep.csv", "steady", sweep)))], ["sweep.csv:2"])
+    left_out, unread = measurement.gather(recording).notes[-2:]
+    assert left_out == "sweep.csv:2: left out, as asked"
+    assert unread.startswith("sweep.csv: row 3 not used")
 
 
 def test_a_row_with_the_rotor_locked_is_left_aside_and_named(gathered):

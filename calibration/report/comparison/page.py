@@ -12,6 +12,7 @@ from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
 from calibration.report.comparison import words
+from calibration.report.fit.words import rounded
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row
 from calibration.report.style import png
@@ -92,13 +93,14 @@ def _change_table(document: Mapping[str, Any]) -> Grid:
     for change in document["changes"]:
         for name, one in change["parameters"].items():
             unit = "-" if one["unit"] == "1" else one["unit"]
-            low, high = (words.quantity(one["change"][key], 0.0, unit, name) for key in ("q05", "q95"))
+            factor, shown = on_an_axis(unit, name)
+            low, high = (rounded(factor * one["change"][key], factor * one["change"]["sd"]) for key in ("q05", "q95"))
             rows.append(
                 (
                     words.called([change["id"]]),
                     name,
                     *(_unbroken(words.figure(name, one, key)) for key in ("before", "after", "change")),
-                    f"{_unbroken(low)} to {_unbroken(high)}",
+                    _unbroken(f"{low}{NO_BREAK}to{NO_BREAK}{high} {shown}"),
                     words.chance(change["probability"]),
                 )
             )

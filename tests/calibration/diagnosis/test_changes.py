@@ -17,6 +17,7 @@ from calibration.diagnosis.steps.search import Search
 from calibration.diagnosis.steps.verdict import judge
 from calibration.likelihood.descent import find
 from calibration.report.comparison import page
+from calibration.report.fit.words import rounded
 from calibration.systems.look_up import compared
 from calibration.systems.several.sharing import Sharing
 from model.motor import Motor, read_motor
@@ -186,6 +187,9 @@ def test_a_motor_with_more_friction_is_told_with_how_much_in_json_and_page(
     check_python(sb.compare(tmp_path / "may", sb.open(tmp_path / "june")), found)
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "N m s" in text and "may and june" in text
+    change = next(one for one in found["changes"] if one["id"] == "f_overall")["parameters"]["f_overall"]["change"]
+    low, high = (rounded(change[key], change["sd"]) for key in ("q05", "q95"))
+    assert f"{low} to {high} N m s" in text.replace("\N{NO-BREAK SPACE}", " ")
     assert (tmp_path / "out" / "report.png").read_bytes().startswith(b"\x89PNG")
 
 
