@@ -17,6 +17,7 @@ from spinbench.progress import waiting
 if TYPE_CHECKING:
     from model.motor import Motor
 
+POINTS, DURATION_S = 9, 0.6
 SOLVING = "solving; after an installation the solvers are compiled first, which takes half a minute"
 
 
@@ -30,11 +31,14 @@ class TransientKind(StrEnum):
 def simulate(
     pressure_bar_abs: Annotated[float, typer.Option(help="Absolute inlet pressure, in bar.")],
     to: Annotated[float | None, typer.Option("--to", help="Sweep up to this absolute pressure, in bar.")] = None,
-    points: Annotated[int, typer.Option(min=2, max=10_001, help="Points of the sweep.")] = 9,
+    points: Annotated[
+        int | None, typer.Option(min=2, max=10_001, help=f"Points of the sweep; {POINTS} if left out.")
+    ] = None,
     transient: Annotated[TransientKind | None, typer.Option(help="A run in time instead of the steady state.")] = None,
     duration_s: Annotated[
-        float, typer.Option(min=0.001, max=60.0, help="Length of the run in time, in seconds.")
-    ] = 0.6,
+        float | None,
+        typer.Option(min=0.001, max=60.0, help=f"Length of the run in time, in seconds; {DURATION_S} if left out."),
+    ] = None,
     assignments: SetOption = None,
     motor: MotorOption = "ptm3600",
     json_file: JsonOption = None,
@@ -43,12 +47,16 @@ def simulate(
     """Simulate the motor: an operating point, a sweep of the pressure, a spin-up or a coast-down."""
     if transient is not None and to is not None:
         raise typer.BadParameter("a run in time has one pressure: leave out --to or --transient")
+    if points is not None and to is None:
+        raise typer.BadParameter("--points are those of a sweep: say --to which pressure, or leave it out")
+    if duration_s is not None and transient is None:
+        raise typer.BadParameter("--duration-s is that of a run in time: say --transient, or leave it out")
     check_places(out, json_file)
     chosen = motor_of(motor, assignments or [])
     if transient is not None:
-        _simulate_transient(chosen, transient, pressure_bar_abs, duration_s, json_file, out)
+        _simulate_transient(chosen, transient, pressure_bar_abs, duration_s or DURATION_S, json_file, out)
     else:
-        _simulate_points(chosen, pressure_bar_abs, to, points, json_file, out)
+        _simulate_points(chosen, pressure_bar_abs, to, points or POINTS, json_file, out)
 
 
 def _simulate_points(

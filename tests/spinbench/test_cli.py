@@ -203,10 +203,13 @@ def test_results_are_not_written_over_a_recording(tmp_path, spinbench_here, word
     assert {path.name: path.read_bytes() for path in (tmp_path / "sweep").iterdir()} == before
 
 
-def test_options_that_exclude_each_other_are_a_usage_error():
-    result = run("simulate", "--pressure-bar-abs", "2", "--to", "3", "--transient", "spin-up")
+@pytest.mark.parametrize(
+    "words", [("--to", "3", "--transient", "spin-up"), ("--points", "5"), ("--to", "3", "--duration-s", "1")]
+)
+def test_options_that_do_not_go_together_are_a_usage_error(tmp_path, spinbench_here, words):
+    result = spinbench_here("simulate", "--pressure-bar-abs", "2", *words, cwd=tmp_path)
     assert result.returncode == 2
-    assert "Traceback" not in result.stderr
+    assert "leave" in result.stderr and "Traceback" not in result.stderr
 
 
 def test_sensitivity_ranks_at_every_pressure():
