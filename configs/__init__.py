@@ -111,7 +111,7 @@ def read_source(path: Path) -> bytes:
 def parse_toml(source: bytes, place: str) -> dict[str, Any]:
     """The tables of a TOML text. Raises ConfigError when it is not UTF-8 or not TOML (a duplicate key included)."""
     try:
-        return tomllib.loads(source.decode("utf-8").replace("\r\n", "\n"))
+        return tomllib.loads(source.decode("utf-8-sig").replace("\r\n", "\n"))  # sig: Windows editors write one
     except UnicodeDecodeError:
         raise ConfigError(f"{place}: not UTF-8 text; save it as UTF-8") from None
     except RecursionError:

@@ -21,11 +21,17 @@ import pydantic
 import configs
 from configs import ConfigError, Strict
 from rig.bench.instrument import FOLDER as INSTRUMENTS
-from rig.bench.instrument import ChannelFile, Instrument, InstrumentFile, Regulator, instrument_of
+from rig.bench.instrument import ChannelFile, Instrument, InstrumentFile, Regulator, Wait, instrument_of
 from rig.recording.schema import SupplyTable
 
 BENCH_SOURCE = "bench.toml"
 FOLDER = configs.FOLDER / "benches"
+ENDS_OF_ROLES = {
+    "pressure": ("_bar_abs", "_bar_gauge"),
+    "speed": ("_rpm",),
+    "flow": ("l_min",),
+    "temperature": ("_c",),
+}
 
 Positive = Annotated[float, pydantic.Field(gt=0.0)]
 
@@ -54,8 +60,8 @@ class LineTable(Strict):
     framing: Literal["rtu", "tcp"] | None = None  # of Modbus; rtu on serial lines and tcp on sockets when left out
     transaction_numbers: Literal["checked", "any"] = "checked"  # of Modbus TCP; any: the device does not repeat them
     echo: bool = False  # each question comes back before its answer: an RS-485 adapter that hears itself, a terminal
-    timeout_s: Positive = 0.3
-    slowest_reply_s: Positive = 1.0
+    timeout_s: Wait = 0.3
+    slowest_reply_s: Wait = 1.0
 
 
 class DeviceTable(Strict):
@@ -66,7 +72,7 @@ class DeviceTable(Strict):
     unit_id: Annotated[int, pydantic.Field(ge=0, le=255)] | None = None  # Modbus
     address: str = ""  # other protocols, such as Alicat's letter
     same_device_as: str = ""  # another entry, at the same address: two instrument files tell of one device
-    period_s: Positive = 0.2
+    period_s: Annotated[float, pydantic.Field(ge=1e-3, le=3600.0)] = 0.2
     serial_number: str = ""  # as on its plate; another one that answers is refused
     calibration: str = ""  # certificate, for the record
     channel: Annotated[int, pydantic.Field(ge=0, le=15)] | None = None  # output of a many-channel device
@@ -220,8 +226,20 @@ def read_bench(path: Path) -> Bench:
     if found is not None and found.parent != configs.FOLDER / "motors":
         sources[motor_source(str(motor))] = configs.read_source(found)
     bench = bench_of(path.stem, sources, str(path))
+    _refuse_other_quantities(bench, str(path))
     _refuse_unreferenced_flow(bench, str(path))
     return bench
+
+
+def _refuse_other_quantities(bench: Bench, place: str) -> None:
+    """Refuse a role whose channel is of another quantity; a run that was recorded so is still read."""
+    mistakes = [
+        f"{place}: roles.{role}: '{name}' is no {role}; its name would end with {' or '.join(ends)}"
+        for role, ends in ENDS_OF_ROLES.items()
+        if (name := getattr(bench.file.roles, role)) is not None and not name.endswith(ends)
+    ]
+    if mistakes:
+        raise ConfigError("\n".join(mistakes))
 
 
 def _refuse_unreferenced_flow(bench: Bench, place: str) -> None:
@@ -293,6 +311,10 @@ def _line_mistakes(file: BenchFile) -> list[str]:
             mistakes.append(f"lines.{name}: a serial line needs its port")
         if line.kind == "tcp" and not line.host:
             mistakes.append(f"lines.{name}: a tcp line needs its host")
+        if "/" in line.host or line.host.count(":") == 1:
+            mistakes.append(
+                f"lines.{name}.host: '{line.host}' is more than a name or an address; tcp_port has the port"
+            )
         framing = line.framing or ("tcp" if line.kind == "tcp" else "rtu")
         if line.transaction_numbers == "any" and (line.kind, framing) != ("tcp", "tcp"):
             mistakes.append(f"lines.{name}: transaction_numbers is of Modbus TCP, and this line has none; take it out")
@@ -308,6 +330,8 @@ def _address_mistakes(file: BenchFile) -> list[str]:
     mistakes = []
     seen: dict[tuple[str, int | str], str] = {}
     for name, table in file.devices.items():
+        if "." in name or not name.isprintable() or not name:
+            mistakes.append(f"devices.{name!a}: a device's name has no dot and no control character, and is not empty")
         same = table.same_device_as
         if same:
             mistakes += _same_device_mistakes(file, name, same)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from typing import Annotated, Literal, Protocol, runtime_checkable
+from typing import Annotated, ClassVar, Literal, Protocol, runtime_checkable
 
 import pydantic
 
 import configs
 from configs import ConfigError, Strict
+from configs.units import not_of_the_name
 from rig.lines import Line
 from rig.readings import Reading
 from rig.recording.schema import OF_SPEED, SpeedKeys
@@ -23,6 +24,7 @@ SPEED = "speed_rpm"
 
 Positive = Annotated[float, pydantic.Field(gt=0.0)]
 NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
+Wait = Annotated[float, pydantic.Field(gt=0.0, le=3600.0)]  # for an answer [s]
 
 
 class IdentityError(Exception):
@@ -57,9 +59,17 @@ class ChannelFile(SpeedKeys):
     figures_source: str = ""
     reference: Reference | None = None
 
+    @pydantic.model_validator(mode="after")
+    def _has_a_scale(self) -> ChannelFile:
+        if self.lowest is not None and self.highest is not None and self.lowest >= self.highest:
+            raise ValueError(f"lowest ({self.lowest:g}) lies below highest ({self.highest:g})")
+        return self
+
 
 class InstrumentFile(Strict):
     """What every instrument file holds; a family adds its own keys."""
+
+    converts_units: ClassVar[bool] = False  # whether the driver makes the unit of a channel's name of its `unit`
 
     format: Literal["instrument/1"]
     family: str
@@ -67,8 +77,8 @@ class InstrumentFile(Strict):
     source: str  # where the register map or the frames come from
     trust: Literal["documented", "simulated", "verified"]  # documented < run against our simulation < on hardware
     update_s: NotNegative = 0.0  # the instrument's own; a value repeated within it is not news
-    timeout_s: Positive | None = None  # the line's when left out
-    slowest_reply_s: Positive | None = None
+    timeout_s: Wait | None = None  # the line's when left out
+    slowest_reply_s: Wait | None = None
 
     @pydantic.model_validator(mode="after")
     def _only_a_speed_is_made_of_pulses(self) -> InstrumentFile:
@@ -85,6 +95,19 @@ class InstrumentFile(Strict):
                 mistakes.append(f"channels.{SPEED}.pulses_per_rev: take it out; teeth says it")
             if teeth is None and speed.pulses_per_rev is None and speed.pitch_error_sd is not None:
                 mistakes.append(f"channels.{SPEED}.pitch_error_sd: is given without pulses_per_rev; give both")
+        if mistakes:
+            raise ValueError("\n".join(mistakes))
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _units_are_those_of_the_names(self) -> InstrumentFile:
+        """Nothing converts a number whose name says bar and whose unit says psi."""
+        channels: dict[str, ChannelFile] = {} if self.converts_units else getattr(self, "channels", {})
+        mistakes = [
+            f"channels.{name}.unit: '{channel.unit}', and {what_to_do}"
+            for name, channel in channels.items()
+            if (what_to_do := not_of_the_name(name, channel.unit))
+        ]
         if mistakes:
             raise ValueError("\n".join(mistakes))
         return self

@@ -15,15 +15,24 @@ from rig.doctor.finding import Finding, Level, printable
 from rig.doctor.host import Host
 from rig.doctor.measure import of_orders
 from rig.doctor.trials import Ports
+from rig.instruments import ascii as ascii_family
 from rig.lines import Line, LineError, LostError
 from rig.lines.line import LEAST_REAL_WAIT_S
 from rig.lines.modbus import RefusedError
 from rig.readings import Quality
 
 POLLS = 30
+MOST_SHOWN = 40  # bytes that came and are no answer
 # How an answer begins that is of another service than an instrument's, and what that is.
 SERVICES = {b"HTTP/": "web pages (HTTP)", b"<!DOCTYPE": "web pages", b"<html": "web pages", b"SSH-": "a shell (SSH)"}
 SERVICES |= {b"220 ": "files or mail (FTP, SMTP)", b"RFB ": "a screen (VNC)"}
+
+# What to look at in the instrument file, by the code of the exception.
+WHERE_REFUSED = {
+    1: "; see registers: input or holding",
+    2: "; see each address: on the wire they count from 0, so that a manual's 40001 or 30001 is 0; and registers",
+    3: "; see most_registers: it may take fewer in one question",
+}
 
 
 def examine(
@@ -152,6 +161,12 @@ class _Examination:
                     sure, fix = True, f"write {key} = {value} into [lines.{name}]"
                 else:
                     said += f". It answers at no other of the usual settings either ({_tried(table)})"
+            if heard and not sure and isinstance(settings := self.bench.instruments[device], ascii_family.Settings):
+                ending = ascii(settings.terminator)
+                said += f". What came: {heard[-MOST_SHOWN:].decode('latin-1')!a}"
+                fix = (
+                    f"compare it with pattern and terminator ({ending}) in the instrument file; where garbled, see baud"
+                )
             if self.scan_units and unit is not None and not sure:
                 others = trials.other_units(self.bench, device, self.scan_units, self.ports, self.clock)
                 said += f". Not unit {unit}, but unit {', '.join(map(str, others))} answers" if others else ""
@@ -197,6 +212,8 @@ def _refusal(device: str, error: Exception) -> Finding:
         what = f"it is busy, {BUSY_TRIES + 1} times: {printable(str(error))}"
         return Finding(Level.FAULT, device, what, error.while_busy)
     fix = "it is another model, or set up in another way, than the instrument file says"
+    if isinstance(error, RefusedError):
+        fix += WHERE_REFUSED.get(error.code, "")
     return Finding(Level.FAULT, device, f"answers, but refuses: {printable(str(error))}", fix)
 
 
@@ -206,7 +223,9 @@ def _difference(table: LineTable, right: LineTable) -> tuple[str, str, str]:
         return "with other transaction numbers than the questions'", "transaction_numbers", '"any"'
     if table.kind == "tcp":
         return f"with framing {right.framing}", "framing", f'"{right.framing}"'
-    how = f"at {right.baud} baud, parity {right.parity}"
+    how = f"at {right.baud} baud, parity {right.parity}, {right.data_bits} data bits"
+    if right.data_bits != table.data_bits:
+        return how, "data_bits", f'{right.data_bits} and parity = "{right.parity}"'
     return (how, "baud", str(right.baud)) if right.baud != table.baud else (how, "parity", f'"{right.parity}"')
 
 

@@ -6,7 +6,9 @@ Only what opens and identifies a device is sent, the same as at the start of a r
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
+from configs import ConfigError
 from rig.acquisition.opening import line_of
 from rig.bench.bench import Bench, LineTable, Place
 from rig.bench.instrument import IdentityError, Instrument, InstrumentError
@@ -16,6 +18,7 @@ from rig.lines.modbus import RefusedError
 
 BAUDS = (9600, 19200, 38400, 57600, 115200, 4800, 2400, 1200)
 PARITIES = ("N", "E", "O")
+OTHER_BITS = {7: 8, 8: 7}
 
 Ports = Callable[[str, LineTable, Clock], Port]
 
@@ -30,16 +33,22 @@ def other_settings(
     """
     name = bench.file.devices[device].line
     table = bench.file.lines[name]
-    candidates: list[dict[str, int | str]]
+    candidates: list[dict[str, Any]]
     if table.kind == "tcp":
         candidates = [{"transaction_numbers": "any"}] if other_numbers else []
         candidates += [{"framing": "tcp" if table.framing == "rtu" else "rtu"}]
     else:
         candidates = [{"baud": baud} for baud in BAUDS if baud != table.baud]
         candidates += [{"parity": parity} for parity in PARITIES if parity != table.parity]
+        other_bits = OTHER_BITS[table.data_bits]
+        candidates += [{"data_bits": other_bits, "parity": parity} for parity in ("E", "O", "N")]
     for change in candidates:
         changed = table.model_copy(update=change)
-        if _answers(bench.build(device, Place(bench.file.devices[device], changed)), name, changed, ports, clock):
+        try:
+            driver = bench.build(device, Place(bench.file.devices[device], changed))
+        except ConfigError:  # a device that cannot be on such a line
+            continue
+        if _answers(driver, name, changed, ports, clock):
             return changed
     return None
 

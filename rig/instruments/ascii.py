@@ -81,10 +81,15 @@ def decode(line: bytes, pattern: re.Pattern[str], channels: Mapping[str, TextCha
     By channel, limits not yet looked at. Raises BadReplyError when the line is not of the pattern, or a number is none.
     """
     text = line.decode("ascii", errors="replace")
-    match = pattern.fullmatch(text)
+    match = _match(pattern, text)
     if match is None:
         raise BadReplyError(f"the reply '{printable(text)}' is not of the pattern {pattern.pattern}")
     return {name: _value((match[name] or "").strip(), channel) for name, channel in channels.items()}
+
+
+def _match(pattern: re.Pattern[str], text: str) -> re.Match[str] | None:
+    """A line held against its pattern, without the rest of another way to end lines where it fits only so."""
+    return pattern.fullmatch(text) or pattern.fullmatch(text.strip("\r\n\0"))
 
 
 def _value(text: str, channel: TextChannel) -> Value:
@@ -121,7 +126,7 @@ def ask_text(line: Line, request: bytes, complete: Complete, timing: Timing, ech
     """
 
     def after_echo(buffer: bytes) -> int | None:
-        begin = len(request) if buffer.startswith(request) else 0
+        begin = _echo_in(request, buffer)
         if not begin and request.startswith(buffer):
             return None
         length = complete(buffer[begin:])
@@ -129,11 +134,17 @@ def ask_text(line: Line, request: bytes, complete: Complete, timing: Timing, ech
 
     line.look(timing.byte_s)
     reply = line.ask(request, after_echo, timing)
-    if not reply.data.startswith(request):
-        return reply
-    if not echo:
+    begin = _echo_in(request, reply.data)
+    if begin and not echo:
         line.remark(ECHOES)
-    return dataclasses.replace(reply, data=reply.data[len(request) :])
+    return dataclasses.replace(reply, data=reply.data[begin:]) if begin else reply
+
+
+def _echo_in(request: bytes, buffer: bytes) -> int:
+    """Bytes of the question's echo at the start of a buffer; a terminal's has a line feed after its return."""
+    if not buffer.startswith(request):
+        return 0
+    return len(request) + (request.endswith(b"\r") and buffer[len(request) :].startswith(b"\n"))
 
 
 class AsciiDevice(Polled):
@@ -164,7 +175,7 @@ class AsciiDevice(Polled):
         """Ask for a line, or wait for one, and decode it."""
         reply = self._question(line, self.settings.query) if self.settings.query else self._unasked(line)
         text = reply.data.removesuffix(self._end)
-        if text.decode("ascii", errors="replace").strip() in self.settings.refusals:
+        if text.decode("ascii", errors="replace").strip(" \t\r\n\0") in self.settings.refusals:
             raise BadReplyError(
                 f"{self.device} refuses: '{printable(text.decode('ascii', 'replace'))}'", Quality.EXCEPTION
             )
@@ -178,7 +189,7 @@ class AsciiDevice(Polled):
             return f"{self.settings.title} (its reply has the pattern; it does not tell who it is)"
         reply = repeated(lambda: self._question(line, self.settings.identity_query), 1)
         text = reply.data.removesuffix(self._end).decode("ascii", errors="replace")
-        match = re.fullmatch(self.settings.identity_pattern, text)
+        match = _match(re.compile(self.settings.identity_pattern), text)
         if match is None:
             raise IdentityError(f"{self.device}: '{printable(text)}' answers, which is not a {self.settings.title}")
         serial = match.groupdict().get(SERIAL_GROUP, self._serial_number) or ""

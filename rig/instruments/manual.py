@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, ClassVar, cast
 
 import pydantic
 
 from configs import ConfigError
-from configs.units import IN_BAR, IN_L_MIN, IN_RPM
+from configs.units import FACES, end_of
 from rig.bench.instrument import ChannelFile, InstrumentFile
 from rig.instruments.codecs.streaming import Stream, cut_lines
 from rig.instruments.codecs.values import Times, Value, failures, joined, printable, reading_of
@@ -30,14 +30,6 @@ NOT_READ = "-"
 MOST_CHARACTERS = 200
 MOST_ATTEMPTS = 5  # then the poll fails, and the sweep decides what becomes of the plateau
 PATIENCE_S = 600.0
-# By the end of a column's name: its unit, from where it counts, and what else may stand on the face.
-FACES: dict[str, tuple[str, str, Mapping[str, float]]] = {
-    "_bar_abs": ("bar", " abs", IN_BAR),
-    "_bar_gauge": ("bar", " gauge", IN_BAR),
-    "_l_min": ("L/min", "", IN_L_MIN),
-    "_rpm": ("rpm", "", IN_RPM),
-    "_c": ("degC", "", {"degC": 1.0}),
-}
 IN_THE_UNIT = ("lowest", "highest", "noise_sd", "bias_sd", "drift_sd", "resolution", "repeatability_sd")
 
 
@@ -48,6 +40,7 @@ class EntryError(ValueError):
 class Settings(InstrumentFile):
     """The keys of manual entry."""
 
+    converts_units: ClassVar[bool] = True
     channels: Annotated[dict[ChannelName, ChannelFile], pydantic.Field(min_length=1, max_length=8)]
     columns: Annotated[list[str], pydantic.Field(min_length=1, max_length=8)]  # the channels, in the order of the entry
 
@@ -64,7 +57,7 @@ class Settings(InstrumentFile):
         mistakes = [
             f"channels.{name}.unit: '{channel.unit}' is not known for {name}: one of {', '.join(FACES[end][2])}"
             for name, channel in self.channels.items()
-            if (end := _end_of(name)) and channel.unit not in FACES[end][2]
+            if (end := end_of(name)) and channel.unit not in FACES[end][2]
         ]
         if mistakes:
             raise ValueError("\n".join(mistakes))
@@ -98,29 +91,25 @@ def asked(name: str, channel: ChannelFile) -> str:
 
 def quantity(name: str) -> str:
     """What a column is called."""
-    return name.removesuffix(_end_of(name)).replace("_", " ")
+    return name.removesuffix(end_of(name)).replace("_", " ")
 
 
 def unit_on_face(name: str, channel: ChannelFile) -> str:
     """The unit on an instrument's face, and for a pressure from where it counts."""
-    end = _end_of(name)
+    end = end_of(name)
     return channel.unit + (FACES[end][1] if end else "")
 
 
 def is_other_unit(name: str, channel: ChannelFile) -> bool:
     """Whether another unit than the column's stands on the face."""
-    end = _end_of(name)
+    end = end_of(name)
     return bool(end) and channel.unit != FACES[end][0]
 
 
 def factor(name: str, channel: ChannelFile) -> float:
     """What one of the face's unit is in the column's."""
-    end = _end_of(name)
+    end = end_of(name)
     return FACES[end][2][channel.unit] if end else 1.0
-
-
-def _end_of(name: str) -> str:
-    return next((end for end in FACES if name.endswith(end)), "")
 
 
 def _in_unit_of_column(name: str, channel: ChannelFile) -> ChannelFile:
@@ -129,7 +118,7 @@ def _in_unit_of_column(name: str, channel: ChannelFile) -> ChannelFile:
         return channel
     figures = {key: getattr(channel, key) for key in IN_THE_UNIT}
     made = {key: value * factor(name, channel) for key, value in figures.items() if value is not None}
-    return channel.model_copy(update={"unit": FACES[_end_of(name)][0], **made})
+    return channel.model_copy(update={"unit": FACES[end_of(name)][0], **made})
 
 
 def _value(word: str, name: str, channel: ChannelFile) -> Value:

@@ -38,7 +38,19 @@ from rig.readings import NS, Quality
 if TYPE_CHECKING:
     from rig.bench.bench import Place
 
-Register = Annotated[int, pydantic.Field(ge=0, le=65535)]  # address as on the wire, from 0: "40001" is 0
+
+def _on_the_wire(address: object) -> object:
+    """Refuse a manual's number of six digits with what it is on the wire."""
+    first = next(
+        (first for first in (300_001, 400_001) if isinstance(address, int) and 0 <= address - first < 65536), 0
+    )
+    if first and isinstance(address, int):
+        raise ValueError(f"is as on the wire, from 0, where a manual's {address} is {address - first}")
+    return address
+
+
+# Address as on the wire, from 0: "40001" is 0.
+Register = Annotated[int, pydantic.Field(ge=0, le=65535), pydantic.BeforeValidator(_on_the_wire)]
 Factor = Annotated[float, pydantic.Field(ge=-1e12, le=1e12)]
 MOST_LATE = 3.0  # times `slowest_reply_s`: so late an answer may come against what the file says
 FUNCTIONS = {"holding": READ_HOLDING, "input": READ_INPUT}
@@ -74,9 +86,31 @@ class RegisterChannel(ChannelFile, RegisterNumber):
     """A quantity in registers."""
 
     registers: Table | None = None  # the file's when left out
-    over_range: list[int] = pydantic.Field(default_factory=list)  # raw numbers that stand for a state, not for a value
-    under_range: list[int] = pydantic.Field(default_factory=list)
-    invalid: list[int] = pydantic.Field(default_factory=list)
+    over_range: list[int | float] = pydantic.Field(default_factory=list)  # raw numbers that stand for a state
+    under_range: list[int | float] = pydantic.Field(default_factory=list)
+    invalid: list[int | float] = pydantic.Field(default_factory=list)
+
+    @pydantic.model_validator(mode="after")
+    def states_can_come(self) -> RegisterChannel:
+        """Refuse a number for a state that the type cannot hold: it would never come, and what comes would pass."""
+        for number in (*self.over_range, *self.under_range, *self.invalid):
+            bits = 16 * self.width
+            signed = f"; as {self.type} it is {int(number) - (1 << bits)}" if 0 < number < 1 << bits else ""
+            try:
+                comes = self.stands(number)
+            except ValueError:
+                comes = None
+            if comes is None or (not is_float(self.type) and comes != number):
+                raise ValueError(f"over_range, under_range, invalid: {number} never comes as {self.type}{signed}")
+        return self
+
+    def stands(self, number: float) -> int | float:
+        """A state's number as it comes: -999.9 is another one as f32."""
+        return number_of(words_of(number, self.type), self.type)
+
+    def is_among(self, number: float, states: Sequence[float]) -> bool:
+        """Whether a number as it came stands for one of some states."""
+        return any(number == self.stands(state) for state in states)
 
 
 class Check(Strict):
@@ -171,12 +205,12 @@ def _words(span: Span, image: Image) -> tuple[int, ...]:
 def _value(channel: RegisterChannel, words: Sequence[int]) -> Value:
     number = channel.number(words)
     raw = repr(number)
-    if number in channel.invalid:
+    if channel.is_among(number, channel.invalid):
         return Value(None, Quality.EXCEPTION, raw, f"the device reports a fault: {raw}")
     rising = 1.0 if channel.scale > 0.0 else -1.0
-    if number in channel.over_range:
+    if channel.is_among(number, channel.over_range):
         return Value(rising * math.inf, raw=raw, detail=f"{raw} stands for over-range")
-    if number in channel.under_range:
+    if channel.is_among(number, channel.under_range):
         return Value(-rising * math.inf, raw=raw, detail=f"{raw} stands for under-range")
     return Value(channel.scale * number + channel.offset, raw=raw)
 

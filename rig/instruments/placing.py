@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rig.bench.bench import Place
 
 FIRST_UNIT, LAST_UNIT = 1, 247  # of an RTU bus; 0 would be everyone's
+RTU_BITS = 8  # in a byte; 7 are of Modbus ASCII
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ def modbus_unit(device: str, place: Place) -> ModbusUnit:
         raise ConfigError(f"devices.{device}.unit_id: the key is missing; a Modbus device needs it (1 to 247)")
     if framing == "rtu" and not FIRST_UNIT <= unit <= LAST_UNIT:
         raise ConfigError(f"devices.{device}.unit_id: {unit} is no unit of an RTU bus; it is 1 to 247")
+    if place.line.kind == "serial" and framing == "rtu" and place.line.data_bits != RTU_BITS:
+        raise ConfigError(f"lines.{place.table.line}.data_bits: Modbus RTU has {RTU_BITS}; set the device to RTU")
     if place.line.echo and framing == "tcp":
         raise ConfigError(f"lines.{place.table.line}.echo: is of a serial bus, and this is Modbus TCP; take it out")
     return ModbusUnit(unit, framing, Habits(place.line.echo, place.line.transaction_numbers == "any"))

@@ -116,6 +116,8 @@ def _why(error: Exception) -> str:
         return "no permission; add yourself to the group that owns it (often dialout) and log in again"
     if code in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY) or "exclusively lock" in text:
         return "another program has it open; close that program"
+    if code in (errno.EIO, errno.ENXIO, errno.ENODEV):
+        return f"the device was unplugged, or its adapter has failed ({text})"
     if "returned no data" in text:
         return "the device was unplugged, or a second program reads the same port"
     return text

@@ -11,6 +11,7 @@ from rig.lines.port import LostError
 from rig.readings import NS
 
 CONNECT_S = 3.0  # real time: the other end is a machine on the same bench
+MOST_UNANSWERED = 3  # questions in a row; then the connection is made anew
 
 
 class TcpPort:
@@ -18,7 +19,8 @@ class TcpPort:
 
     One that closes the connection after its first answer is connected to again, as the device that it was, and a
     question that met the closing is sent again, once. From then on each question has a connection of its own. A
-    connection that breaks later is lost.
+    connection that breaks later is lost. One over which nothing comes any more is made anew before the next question:
+    a gateway may have forgotten it, and after a pulled cable the system repeats what it has sent ever more rarely.
     """
 
     def __init__(self, host: str, port: int, clock: Clock) -> None:
@@ -27,11 +29,12 @@ class TcpPort:
         self._answers = 0  # on this connection
         self._question, self._is_answered = b"", False
         self._closes = False  # after each answer
+        self._unanswered = 0  # questions, since bytes came last
 
     def open(self) -> None:
         """Connect, without Nagle's delay."""
         self.close()
-        self._answers = 0
+        self._answers = self._unanswered = 0
         try:
             self._socket = socket.create_connection((self.host, self.port), timeout=CONNECT_S)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -50,9 +53,10 @@ class TcpPort:
 
     def write(self, data: bytes) -> int:
         """Send all bytes."""
-        if self._closes and self._answers:
+        if (self._closes and self._answers) or self._unanswered >= MOST_UNANSWERED:
             self.open()
         self._question, self._is_answered = data, False
+        self._unanswered += 1
         return self._send()
 
     def _send(self) -> int:
@@ -97,9 +101,14 @@ class TcpPort:
             self._closes = True
             return (self.clock.now_ns(), b"") if self._is_answered else None
         if not data:
-            raise LostError(f"{self.host}:{self.port}: the device closed the connection")
+            hint = (
+                ""
+                if self._answers
+                else " without an answer: it may bear few clients; is another program connected to it?"
+            )
+            raise LostError(f"{self.host}:{self.port}: the device closed the connection{hint}")
         self._answers += not self._is_answered
-        self._is_answered = True
+        self._is_answered, self._unanswered = True, 0
         return self.clock.now_ns(), data
 
     def _connected(self) -> socket.socket:

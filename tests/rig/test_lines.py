@@ -556,8 +556,41 @@ def test_a_device_that_closes_after_many_answers_is_lost(on_socket):
 
 def test_a_connection_that_the_device_closes_is_lost(on_socket):
     line = on_socket(lambda request: None)
-    with pytest.raises(LostError, match="closed the connection"):
+    with pytest.raises(LostError, match=r"closed the connection without an answer: .*another program"):
         line.ask(b"?", lambda buffer: None)
+
+
+class MuteAfter(threading.Thread):
+    """A gateway that answers `most` questions on its first connection, then hears no more of it, and all on others."""
+
+    def __init__(self, most):
+        super().__init__(daemon=True)
+        self.server, self.most, self.kept = socket.create_server(("127.0.0.1", 0)), most, []
+        self.start()
+
+    def run(self):
+        with self.server:
+            while True:
+                connection, _ = self.server.accept()
+                self.kept.append(connection)
+                count = self.most if len(self.kept) == 1 else 1000
+                while count and (request := connection.recv(256)):
+                    count -= 1
+                    connection.sendall(tcp_reply(request, [len(self.kept)]))
+
+
+def test_a_connection_over_which_nothing_comes_any_more_is_made_anew():
+    device, clock = MuteAfter(2), Clock()
+    line = Line("net", TcpPort(*device.server.getsockname(), clock), clock, TIMING)
+    line.open()
+    request, read = modbus.Request(1, modbus.READ_HOLDING, 0), []
+    for _ in range(8):
+        try:
+            read += modbus.exchange(line, "tcp", request)[0]
+        except NoReplyError:
+            read.append(None)
+    assert read == [1, 1, None, None, None, 2, 2, 2]
+    line.close()
 
 
 def test_a_refused_connection_is_told():

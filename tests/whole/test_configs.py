@@ -42,6 +42,10 @@ def test_a_file_becomes_its_tables(tmp_path):
     assert configs.read_toml(path) == {"name": "hay", "spare": {"radius_mm": 300.0}}
 
 
+def test_a_file_that_a_windows_editor_saved_is_read(tmp_path):
+    assert configs.read_toml(written(tmp_path, b"\xef\xbb\xbfname = 'hay'\r\n")) == {"name": "hay"}
+
+
 def test_a_missing_file_is_refused_with_the_nearest_one(tmp_path):
     written(tmp_path, "")
     with pytest.raises(ConfigError, match=r"cart2\.toml: no such file; did you mean 'cart\.toml'\?"):

@@ -204,6 +204,33 @@ def test_a_raw_number_may_stand_for_a_state(raw, value, quality):
     assert (found.value, found.quality, found.raw) == (value, quality, str(raw))
 
 
+@pytest.mark.parametrize("key", ["over_range", "under_range", "invalid"])
+@pytest.mark.parametrize(
+    ("kind", "number", "words"),
+    [
+        ("i16", 0x8000, "32768 never comes as i16; as i16 it is -32768"),
+        ("i32", 0xFFFFFFFF, "never comes as i32; as i32 it is -1"),
+        ("u16", -1, "-1 never comes as u16"),
+        ("u16", 99999, "99999 never comes as u16"),
+        ("u32", 0.5, "0.5 never comes as u32"),
+        ("f32", 1e39, "never comes as f32"),
+    ],
+)
+def test_a_state_s_number_that_the_type_cannot_hold_is_refused(key, kind, number, words):
+    with pytest.raises(ValueError, match=re.escape(words)):
+        file_of(channel={"type": kind, key: [number]})
+
+
+@pytest.mark.parametrize(
+    ("kind", "state", "data"),
+    [("i16", -32768, "8000"), ("f32", -999.9, "C479F99A"), ("f32", 9999, "461C3C00"), ("u16", 65535, "FFFF")],
+)
+def test_a_state_s_number_is_known_as_it_comes(kind, state, data):
+    settings = file_of(channel={"type": kind, "invalid": [state]})
+    words = [int(data[i : i + 4], 16) for i in range(0, len(data), 4)]
+    assert decoded(settings, words)["flow_l_min"].quality is Quality.EXCEPTION
+
+
 def test_a_setting_of_the_device_that_the_file_does_not_expect_is_a_fault():
     settings = read_instrument("mindman_mfp01")
     words = [0] * only_block(settings)[1]

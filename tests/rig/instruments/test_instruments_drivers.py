@@ -41,8 +41,8 @@ def bench():
         peer.end()
 
 
-def place(kind="serial", echo=False, **table):
-    lines = {"serial": {"port": "pty"}, "tcp": {"host": "localhost"}, "keyboard": {}}
+def place(kind="serial", echo=False, data_bits=8, **table):
+    lines = {"serial": {"port": "pty", "data_bits": data_bits}, "tcp": {"host": "localhost"}, "keyboard": {}}
     return Place(DeviceTable(instrument="i", line="bus", **table), LineTable(kind=kind, echo=echo, **lines[kind]))
 
 
@@ -409,6 +409,7 @@ def test_a_generic_device_has_no_failsafe(bench):
     [
         (place(), r"devices\.box\.unit_id: the key is missing"),
         (place(unit_id=0), "0 is no unit of an RTU bus"),
+        (place(unit_id=1, data_bits=7), r"lines\.bus\.data_bits: Modbus RTU has 8"),
         (place(kind="keyboard", unit_id=1), "cannot be on a keyboard"),
         (place(kind="tcp", echo=True, unit_id=1), r"lines\.bus\.echo: is of a serial bus, and this is Modbus TCP"),
     ],
@@ -663,6 +664,22 @@ def test_the_echo_of_a_question_in_text_may_come_in_two_parts(bench):
     driver = monarch()
     line, _ = bench(driver, lambda request: [(0.0, request[:2]), (0.02, request[2:] + b"+0600.00\r\n")])
     assert driver.poll(line)[0].value == 600.0
+
+
+@pytest.mark.parametrize("behind", [b"", b"> "])
+def test_a_terminal_s_echo_has_a_line_feed_and_a_prompt_follows(bench, behind):
+    driver = monarch()
+    line, _ = bench(driver, lambda request: request + b"\n+0600.00\r\n" + behind)
+    assert [driver.poll(line)[0].value for _ in range(3)] == [600.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("terminator", "answer"), [("\n", b"+0600.00\r\n"), ("\r", b"+0600.00\n\r"), ("\r\n", b"\0\n+0600.00\r\n")]
+)
+def test_another_way_to_end_lines_costs_no_reading(bench, terminator, answer):
+    driver = ascii.build("tach", changed("monarch_act3x", terminator=terminator), place())
+    line, _ = bench(driver, lambda request: answer)
+    assert [driver.poll(line)[0].value for _ in range(3)] == [600.0] * 3
 
 
 def test_the_echo_alone_of_a_question_in_text_is_no_answer(bench):

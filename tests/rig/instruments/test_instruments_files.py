@@ -81,6 +81,37 @@ def test_how_a_speed_is_made_is_said_once_and_of_a_speed(name, new, words):
         changed(name, "unit = ", f"{new}\nunit = ")
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        (
+            "keller_30x_abs",
+            '"bar"',
+            '"psi"',
+            "pressure_bar_abs.unit: 'psi', and the name says bar, and 1 psi is 0.0689476 bar",
+        ),
+        ("keller_30x_abs", '"bar"', '"kPa abs"', "1 kPa is 0.01 bar: scale the numbers, and write bar here"),
+        ("siargo_mf5700", '"L/min"', '"SmL/min"', "1 mL/min is 0.001 L/min"),
+        ("siargo_mf5700", '"L/min"', '"sccm"', "1 mL/min is 0.001 L/min"),
+        ("monarch_act3x", '"rpm"', '"rps"', "1 rev/s is 60 rpm"),
+        ("edge_counter_60", '"rpm"', '"rad/s"', "1 rad/s is 9.5493 rpm"),
+        ("keller_30x_abs", '"degC"', '"K"', "the name says degC: scale"),
+        ("siargo_mf5700", 'unit = "L/min"', 'unit = "L/min"\nlowest = 500.0\nhighest = 50.0', "lies below highest"),
+        ("siargo_mf5700", "address = 0x003A", "address = 400059", "a manual's 400059 is 58"),
+        ("siargo_mf5700", "trust =", "timeout_s = 1e300\ntrust =", "timeout_s' should be less than or equal to 3600"),
+    ],
+)
+def test_a_file_whose_numbers_would_be_read_wrong_is_refused(name, old, new, words):
+    with pytest.raises(ConfigError) as refused:
+        changed(name, old, new)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize("unit", ["bar", "bar abs", "bara", "BAR"])
+def test_the_unit_of_the_name_may_be_written_in_any_way(unit):
+    assert changed("keller_30x_abs", '"bar"', f'"{unit}"').channels["pressure_bar_abs"].unit == unit
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_standard_litre_has_its_reference_state(name):
     for channel, figures in read_instrument(name).channels.items():

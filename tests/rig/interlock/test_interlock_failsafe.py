@@ -32,10 +32,14 @@ line = "bus"
 unit_id = 2
 channel = 0
 span = [0.0, 5.0]
+[lines.person]
+kind = "keyboard"
+[devices.hand]
+instrument = "manual_bench"
+line = "person"
 [roles]
 pressure = "gauge.pressure_bar_abs"
-flow = "gauge.temperature_c"
-speed = "gauge.temperature_c"
+speed = "hand.speed_rpm"
 regulator = "regulator"
 [safety]
 {safety}

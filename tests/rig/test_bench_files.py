@@ -1,0 +1,77 @@
+"""Bench files with mistakes that a stranger makes: each is refused in a line that says what to write."""
+
+import pytest
+
+from configs import ConfigError
+from rig.bench.bench import read_bench
+
+BENCH = """
+format = "bench/1"
+title = "test"
+[lines.net]
+kind = "tcp"
+host = "192.168.1.20"
+[lines.bus]
+kind = "serial"
+port = "/dev/ttyUSB0"
+[devices.gauge]
+instrument = "keller_30x_abs"
+line = "bus"
+unit_id = 1
+[devices.meter]
+instrument = "siargo_mf5700"
+line = "net"
+unit_id = 1
+[devices.tach]
+instrument = "monarch_act3x"
+line = "bus"
+[roles]
+pressure = "gauge.pressure_bar_abs"
+flow = "meter.flow_sl_min"
+speed = "tach.speed_rpm"
+[sweep]
+levels_bar_abs = [1.2]
+"""
+
+
+def read(tmp_path, old="", new="", encoding="utf-8"):
+    assert old in BENCH
+    (tmp_path / "bench.toml").write_bytes(BENCH.replace(old, new).encode(encoding))
+    return read_bench(tmp_path / "bench.toml")
+
+
+def test_a_file_is_read_with_the_mark_that_windows_writes(tmp_path):
+    assert read(tmp_path, "\n", "\r\n", "utf-8-sig").file.title == "test"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "tach.speed_rpm",
+            "gauge.pressure_bar_abs",
+            "roles.speed: 'gauge.pressure_bar_abs' is no speed; its name would",
+        ),
+        ("gauge.pressure_bar_abs", "gauge.temperature_c", "roles.pressure: 'gauge.temperature_c' is no pressure"),
+        (
+            "192.168.1.20",
+            "192.168.1.20:502",
+            "'192.168.1.20:502' is more than a name or an address; tcp_port has the port",
+        ),
+        ("192.168.1.20", "tcp://box", "'tcp://box' is more than a name or an address"),
+        ("[devices.gauge]", '[devices."gauge.1"]', "devices.'gauge.1': a device's name has no dot"),
+        ("[devices.gauge]", '[devices."gau\\nge"]', r"devices.'gau\nge': a device's name has no dot"),
+        ("[devices.gauge]", '[devices.""]', "is not empty"),
+        ("unit_id = 1", "unit_id = 1\nperiod_s = 1e300", "period_s' should be less than or equal to 3600"),
+        ("unit_id = 1", "unit_id = 1\nperiod_s = 1e-300", "period_s' should be greater than or equal to 0.001"),
+        (
+            'kind = "tcp"',
+            'kind = "tcp"\nslowest_reply_s = 1e300',
+            "slowest_reply_s' should be less than or equal to 3600",
+        ),
+    ],
+)
+def test_a_mistake_is_refused_with_what_to_do(tmp_path, old, new, words):
+    with pytest.raises(ConfigError) as refused:
+        read(tmp_path, old, new)
+    assert words in str(refused.value)
