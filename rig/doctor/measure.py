@@ -20,6 +20,9 @@ MOST_FAILURES = 3  # in a row; then it is known
 TIGHT = 0.7  # share of the timeout that the slow replies may take
 BUSY_SHARE = 0.8  # share of a line's time that may be taken
 BELOW_ALL = 1e-9
+# Whole numbers of 16 and 32 bits, all ones or the ends of the signed ones: a sensor that is off, or there is none.
+NO_VALUE = {str(number) for bits in (16, 32) for number in ((1 << bits) - 1, 1 << bits - 1, (1 << bits - 1) - 1)}
+NO_VALUE |= {str(-(1 << bits - 1)) for bits in (16, 32)}
 MOST = 1e30  # no instrument's number lies beyond; those of bytes in a wrong order often do
 LEAST = 1e-12  # share of the scale: what is less, and not 0, is often one of these too
 
@@ -30,6 +33,7 @@ class Latency:
 
     `p50_s`, `p99_s`: of the polls that gave a reading, on the bench's clock [s].
     `mute`: channels that gave none in any poll, and why.
+    `raw`: of each channel that gave one, the last number as it came.
     """
 
     p50_s: float
@@ -38,6 +42,7 @@ class Latency:
     failures: int
     faults: str
     mute: dict[str, str]
+    raw: dict[str, str]
 
 
 def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Latency:
@@ -49,7 +54,7 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
     """
     times, faults, failures, in_a_row, made = [], Counter[str](), 0, 0, 0
     mute: dict[str, str] = {}
-    heard: set[str] = set()
+    heard: dict[str, str] = {}
     for _ in range(polls):
         made += 1
         start_ns = line.clock.now_ns()
@@ -60,7 +65,7 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
         except LineError as error:
             readings = []
             faults[str(error)] += 1
-        heard.update(reading.channel for reading in readings if reading.usable)
+        heard.update((reading.channel, reading.raw) for reading in readings if reading.usable)
         mute.update((one.channel, f"{one.quality} {one.detail}".strip()) for one in readings if not one.usable)
         took_s = (line.clock.now_ns() - start_ns) / NS
         if any(reading.usable for reading in readings):
@@ -78,7 +83,7 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
     p50_s, p99_s = np.quantile(times, [0.5, 0.99]) if times else (np.nan, np.nan)
     named = "; ".join(f"{printable(fault)} ({count} x)" for fault, count in faults.most_common(3))
     silent = {channel: printable(why) for channel, why in mute.items() if channel not in heard}
-    return Latency(float(p50_s), float(p99_s), made, failures, named, silent)
+    return Latency(float(p50_s), float(p99_s), made, failures, named, silent, heard)
 
 
 def of_device(
@@ -94,6 +99,11 @@ def of_device(
     for channel, why in latency.mute.items():
         fix = "see whether the device shows it; if so, compare the instrument file with the device's manual"
         found.append(Finding(Level.WARNING, device, f"{channel} gave no reading: {why}", fix))
+    for channel, raw in latency.raw.items():
+        if raw in NO_VALUE:
+            fix = f"if the device shows none, write invalid = [{raw}] at channels.{channel} in the instrument file"
+            what = f"{channel} came as {raw}, which many devices send where they have no value"
+            found.append(Finding(Level.WARNING, device, what, fix))
     if latency.p50_s > period_s:
         fix = f"set period_s to {np.ceil(latency.p50_s * 120) / 100:g} or more, or find what makes it slow"
         found.append(Finding(Level.FAULT, device, f"slower than asked: {rates}", fix))

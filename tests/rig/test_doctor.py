@@ -492,3 +492,19 @@ def test_a_silent_unit_that_no_serial_bus_could_have_is_told_as_silent(tmp_path,
         (tmp_path / "bench.toml").write_text(text.replace('kind = "serial"\nport = "-"\n', tcp))
         findings = examine(read_bench(tmp_path / "bench.toml"), host=host, polls=2)
     assert "nobody answers" in only(findings, "gauge", Level.FAULT).what
+
+
+@pytest.mark.parametrize(("kind", "words", "raw"), [("u16", {0: 0xFFFF}, 65535), ("i32", {0: 0x8000, 1: 0}, -(2**31))])
+def test_a_number_that_often_means_no_value_is_told_with_the_key(bench_on, tmp_path, host, kind, words, raw):
+    (tmp_path / "meter.toml").write_text(
+        'format = "instrument/1"\nfamily = "modbus"\ntitle = "t"\nsource = "s"\ntrust = "documented"\n'
+        f'[channels.flow_l_min]\nunit = "L/min"\naddress = 0\ntype = "{kind}"\n'
+    )
+    path = tmp_path / "bench.toml"
+    with ModbusPeer({1: dict(KELLER), 2: dict(ADAM), 3: words}) as device:
+        bench_on(device.path)
+        meter = '[devices.meter]\ninstrument = "meter"\nline = "bus"\nunit_id = 3\n'
+        path.write_text(path.read_text().replace("[roles]", meter + "[roles]"))
+        warning = only(examine(read_bench(path), host=host, polls=2), "meter", Level.WARNING)
+    assert f"flow_l_min came as {raw}, which many devices send where they have no value" in warning.what
+    assert f"write invalid = [{raw}] at channels.flow_l_min" in warning.fix
