@@ -86,7 +86,7 @@ def _clock_time(cell: str | float) -> tuple[float, int] | None:
 def _dated(cell: str | float, places: tuple[int, int, int]) -> tuple[float, int] | None:
     date, _, clock = str(cell).strip().replace("T", " ").partition(" ")
     parts, time = _DATE.fullmatch(date), _clock_time(clock)
-    if parts is None or time is None:
+    if parts is None or time is None or len(parts[1 + places[0]]) not in (2, 4):
         return None
     year, month, day = (int(parts[1 + place]) for place in places)
     try:
@@ -96,10 +96,18 @@ def _dated(cell: str | float, places: tuple[int, int, int]) -> tuple[float, int]
     return days * DAY_S + time[0], 0
 
 
-def _iso_time(cell: str | float) -> tuple[float, int] | None:
+def iso(cell: str | float) -> datetime.datetime | None:
+    """A date and a time of ISO 8601; None for another text, such as a number of milliseconds."""
+    text = str(cell).strip()
     try:
-        time = datetime.datetime.fromisoformat(str(cell).strip())
-        zone = time.tzinfo or datetime.UTC
-        return (time.replace(tzinfo=zone) - datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)).total_seconds(), 0
+        return None if text.isdigit() and len(text) > 8 else datetime.datetime.fromisoformat(text)
     except ValueError:
         return None
+
+
+def _iso_time(cell: str | float) -> tuple[float, int] | None:
+    time = iso(cell)
+    if time is None:
+        return None
+    zone = time.tzinfo or datetime.UTC
+    return (time.replace(tzinfo=zone) - datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)).total_seconds(), 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from configs.units import STANDARD_BAR, ZERO_C
-from rig.exchange.cells import DAY_S, Cell
+from rig.exchange.cells import DAY_S, Cell, iso
 from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, RotameterTable, StandardTable
 from rig.exchange.tables import Table
 from rig.exchange.units import MOLAR_MASS, unit_of
@@ -23,6 +24,7 @@ from rig.runlog.folder import RunError
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
 NORMAL = StandardTable(pressure_bar_abs=STANDARD_BAR, temperature_c=0.0)  # that `units` refers a flow of mass to
 ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read
+_DIGIT = re.compile(r"\d")
 _HELD = ("time_s", "supply_open", "rotor_locked", "angle_rad")  # of averaged rows the last is taken
 
 
@@ -59,7 +61,7 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     rows = _rows(entry, table, reads)
     if not rows:
         raise RunError(f"{table.place}: no row is left of what [[files]] takes")
-    converted = Converted(entry, {})
+    converted = Converted(entry, {}, notes=_labelled(table, rows, reads))
     for name, source in mapping.columns.items():
         if name == "direction":
             converted.direction = _directions(source, table, rows)
@@ -190,11 +192,19 @@ def _column(
     )
     values[over] = math.nan if source.highest is None else source.highest
     censor[over & np.isnan(values)] = 0
-    _note(notes, f"{table.place}, {place}", over, source, name, [mark for mark in marked if mark and mark != "nan"])
+    _note(
+        notes,
+        f"{table.place}, {place}",
+        over,
+        source,
+        name,
+        [mark for mark in marked if mark and not (mark == "nan" and table.clocks)],
+    )
     if of_day:
-        values = _from_the_first(
-            values, source.unit, [f"{table.place}, line {table.lines[row]}, {place}" for row in rows]
-        )
+        places = [f"{table.place}, line {table.lines[row]}, {place}" for row in rows]
+        if source.unit == "ISO":
+            _refuse_mixed(cells, places)
+        values = _from_the_first(values, source.unit, places)
     if source.drop_repeats:
         repeats = np.append(False, (np.diff(values) == 0.0) & (np.diff(censor) == 0))
         values[repeats], censor[repeats] = math.nan, 0
@@ -229,6 +239,32 @@ def _from_the_first(values: NDArray[np.float64], unit: str, places: Sequence[str
             "[[files]]"
         )
     return values - values[0]
+
+
+def _refuse_mixed(cells: Sequence[str | float | None], places: Sequence[str]) -> None:
+    """Refuse times of which some tell their offset from UTC and others do not."""
+    told = [(time := iso(cell or "")) is not None and time.tzinfo is not None for cell in cells]
+    if len(set(told)) > 1:
+        other = told.index(not told[0])
+        raise RunError(
+            f"{places[other]}: '{shown(str(cells[other]))}' and '{shown(str(cells[0]))}' before it: one tells its "
+            "offset from UTC, and the other does not"
+        )
+
+
+def _labelled(table: Table, rows: list[int], reads: Cell) -> list[str]:
+    """Rows that a word among numbers seems to call something else than a reading, such as a mean below the others."""
+    texts = [(at, cells) for at, cells in enumerate(table.columns) if isinstance(cells[rows[0]], str)]
+    for at, cells in texts:
+        named = [row for row in rows if not _DIGIT.search(str(cells[row])) and reads.reading(cells[row]) is None]
+        numbers = sum(bool(_DIGIT.search(str(cells[row]))) for row in rows) if named else 0
+        if 0 < len(named) < numbers:
+            lines = ", ".join(str(table.lines[row]) for row in named[:5]) + ", ..." * (len(named) > 5)
+            return [
+                f"{table.place}, line {lines}, column {at + 1}: '{shown(str(cells[named[0]]))}' among numbers; where "
+                "such a row is no reading, leave it out with rows = [first, last] in [[files]]"
+            ]
+    return []
 
 
 def _directions(source: ColumnTable, table: Table, rows: list[int]) -> NDArray[np.str_]:

@@ -149,7 +149,7 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
         table = read_table(path, mapping.file.table, entry.sheet, entry.group, [*wanted, *only])
         _refuse_gaps(mapping, entry, table)
         part = convert(mapping.file, entry, table)
-        part.notes += _other_units(mapping, table)
+        part.notes += _other_units(mapping, table) + [table.doubt] * bool(table.doubt)
         part.notes += [f"{table.place}: {table.clocks}; on one time line, with empty cells between"] * bool(
             table.clocks
         )
@@ -182,7 +182,8 @@ def _other_units(mapping: Mapping, table: Table) -> list[str]:
     notes = []
     for name, column in mapping.file.columns.items():
         stated = table.units.get(str(column.column), "")
-        if unit_called(stated) not in ("", column.unit, column.unit.removesuffix(" abs").removesuffix(" gauge")):
+        same = (column.unit, column.unit.removesuffix(" abs").removesuffix(" gauge"))
+        if stated.strip() not in ("", "-", "1") and unit_called(stated.partition(" since ")[0]) not in same:
             notes.append(
                 f"{table.place}, '{shown(str(column.column))}': the file says '{shown(stated)}', the mapping "
                 f"'{column.unit}' for {name}; the mapping's is taken"

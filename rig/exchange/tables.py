@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.exchange.binary.apart import read_apart
@@ -19,6 +19,7 @@ from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, read_bytes
 
 _SPACED = re.compile(r'"([^"]*)"|(\S+)')
+_LINE_END = re.compile(r"\r\n?|\n")
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Table:
     `short`: the line with the fewest cells, and their number; None where each row has all.
     `clocks`: what there was where columns of several clocks stand on one time line, with empty cells between.
     `units`: by heading, as the file states them.
+    `doubt`: of text, what a person should look at; empty where there is nothing.
     `hint`: of text, what its delimiter seems to be where that is another than was said; begins with "; ".
     """
 
@@ -40,6 +42,7 @@ class Table:
     clocks: str = ""
     units: dict[str, str] = field(default_factory=dict)
     hint: str = ""
+    doubt: str = ""
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
@@ -92,13 +95,29 @@ def _csv(path: Path, table: TableTable) -> Table:
         text = read_bytes(path, MAX_BYTES).decode(table.encoding).removeprefix("\ufeff")
     except UnicodeError:
         raise RunError(f"{path}: not {table.encoding} text; say its encoding in [table]") from None
-    lines, begin = text.splitlines(), table.heading_line
+    lines, begin = lines_of(text), table.heading_line
     rows = _records(path, lines, begin or 1, table)
     _, headings = next(rows, (0, [])) if begin else (0, [])
     if table.first_line:
         rows = _records(path, lines, table.first_line, table)
     hint = _other_delimiter(lines[max(begin, 1) - 1 :][:1], table)
-    return _of_rows(str(path), headings, list(rows), table.first_line or begin + 1, table, hint)
+    found = _of_rows(str(path), headings, list(rows), table.first_line or begin + 1, table, hint)
+    return found if text[-1:] in ("\r", "\n") else replace(found, doubt=_cut_off(found, table.decimal or "."))
+
+
+def lines_of(text: str) -> list[str]:
+    """The lines of a file. A form feed, or a line separator of Unicode, stands in a line."""
+    return _LINE_END.split(text)
+
+
+def _cut_off(found: Table, decimal: str) -> str:
+    """What shows that a last line without an end stops amid a number: fewer decimals than in any other; or nothing."""
+    at = max((at for at, cells in enumerate(found.columns) if cells[-1]), default=0)
+    *others, last = (len(str(cell).partition(decimal)[2]) for cell in found.columns[at] if cell)
+    if not others or last >= min(others):
+        return ""
+    cell = shown(str(found.columns[at][-1]))
+    return f"{found.place}, line {found.lines[-1]}: '{cell}' ends the file without a line's end; is it cut off?"
 
 
 def _other_delimiter(first: list[str], table: TableTable) -> str:
@@ -120,8 +139,14 @@ def _records(path: Path, lines: list[str], first: int, table: TableTable) -> Ite
     begin = first
     try:
         for row in reader:
+            end = first + reader.line_num
+            if end > begin + 1 and any(str(table.delimiter) in cell for cell in row):
+                raise RunError(
+                    f"{path}, line {begin}: a cell in quotation marks holds what follows down to line {end - 1}; "
+                    "is a mark missing?"
+                )
             yield begin, [cell.strip() for cell in row]
-            begin = first + reader.line_num
+            begin = end
     except csv.Error as error:
         raise RunError(f"{path}, line {begin}: not a row of CSV ({error}); is heading_line right?") from None
 

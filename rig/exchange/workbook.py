@@ -60,10 +60,13 @@ def _parts_by_name(archive: zipfile.ZipFile) -> dict[str, str]:
     """The sheets, each with its part of the archive."""
     relation = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
     targets = {one.get("Id"): one.get("Target", "") for one in _part(archive, "xl/_rels/workbook.xml.rels")}
-    return {
+    sheets = {
         one.get("name", ""): f"xl/{targets.get(one.get(relation), '').removeprefix('/xl/')}"
         for one in _part(archive, "xl/workbook.xml").iter(_tag("sheet"))
     }
+    if not sheets:
+        raise ValueError("it names no sheet; was it saved as Strict Open XML? Save it as .xlsx")
+    return sheets
 
 
 def _tag(name: str) -> str:
@@ -74,14 +77,21 @@ def _shared(archive: zipfile.ZipFile) -> list[str]:
     if "xl/sharedStrings.xml" not in archive.namelist():
         return []
     strings = _part(archive, "xl/sharedStrings.xml")
-    return ["".join(text.text or "" for text in entry.iter(_tag("t"))) for entry in strings.iter(_tag("si"))]
+    return [_text(entry) for entry in strings.iter(_tag("si"))]
+
+
+def _text(entry: Xml.Element) -> str:
+    """A cell's own text; how it is pronounced stands beside it in Japanese workbooks."""
+    runs = (entry, *entry.iter(_tag("is")), *entry.iter(_tag("r")))
+    return "".join(text.text or "" for run in runs for text in run.findall(_tag("t")))
 
 
 def _grid(archive: zipfile.ZipFile, part: str, shared: list[str]) -> list[list[str]]:
     """The sheet's cells as text, row by row; a formula's last value."""
     grid: list[list[str]] = []
     count = 0
-    for row in _part(archive, part).iter(_tag("row")):
+    sheet = _part(archive, part)
+    for row in sheet.iter(_tag("row")):
         number = int(row.get("r", len(grid) + 1))
         if not len(grid) < number <= 1_048_576:
             raise ValueError(f"row {number} is out of order")
@@ -89,7 +99,10 @@ def _grid(archive: zipfile.ZipFile, part: str, shared: list[str]) -> list[list[s
         for cell in row.iter(_tag("c")):
             match = _REFERENCE.fullmatch(cell.get("r", ""))
             index = _letters(match[1]) if match else len(cells)
-            value = cell.findtext(_tag("v")) or "".join(text.text or "" for text in cell.iter(_tag("t")))
+            value = cell.findtext(_tag("v")) or _text(cell)
+            formula = cell.find(_tag("f"))
+            if formula is not None and cell.find(_tag("v")) is None:  # it was never calculated: refused as a number
+                value = f"={formula.text or ''}"
             if index < MAX_SERIES and value:
                 cells += [""] * (index + 1 - len(cells))
                 cells[index] = shared[int(value)] if cell.get("t") == "s" else value
@@ -99,7 +112,22 @@ def _grid(archive: zipfile.ZipFile, part: str, shared: list[str]) -> list[list[s
         if any(cells):
             grid += [[]] * (number - 1 - len(grid))
             grid.append(cells)
+    for merged in sheet.iter(_tag("mergeCell")):
+        _mark(grid, merged.get("ref", ""))
     return grid
+
+
+def _mark(grid: list[list[str]], merged: str) -> None:
+    """Say so in each row that a merged cell goes down to: it is not empty there, and no reading of that row."""
+    first, _, last = merged.partition(":")
+    above, below = _REFERENCE.fullmatch(first), _REFERENCE.fullmatch(last)
+    if above is None or below is None:
+        raise ValueError(f"merged cells '{merged}'")
+    index = _letters(above[1])
+    for cells in grid[int(above[2]) : int(below[2])] if index < MAX_SERIES else []:
+        if any(cells) and not "".join(cells[index : index + 1]):
+            cells += [""] * (index + 1 - len(cells))
+            cells[index] = f"merged with {first}"
 
 
 def _letters(letters: str) -> int:

@@ -128,11 +128,18 @@ def _values(data: Any, field: str, place: str, count: int | None = None) -> NDAr
     known = values.astype(np.float64)
     for key in ("_FillValue", "missing_value"):
         if key in data.attrs:
-            known[np.isin(values, np.asarray(data.attrs[key]))] = np.nan
+            fill = np.asarray(data.attrs[key])
+            fill = fill.astype(values.dtype) if values.dtype.kind == fill.dtype.kind == "f" else fill
+            known[np.isin(values, fill)] = np.nan
     try:
         scale, offset = (float(np.squeeze(data.attrs.get(key, plain))) for key, plain in _PACKED)
+        low, high = (float(end) for end in data.attrs.get("valid_range", (-np.inf, np.inf)))
+        low, high = (
+            float(np.squeeze(data.attrs.get(key, end))) for key, end in (("valid_min", low), ("valid_max", high))
+        )
     except (TypeError, ValueError):
-        raise RunError(f"{place}: scale_factor and add_offset are not numbers") from None
+        raise RunError(f"{place}: scale_factor, add_offset or the valid range are not numbers") from None
+    known[(known < low) | (known > high)] = np.nan
     return known if (scale, offset) == (1.0, 0.0) else known * scale + offset
 
 

@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from rig.exchange.binary.columns import FEW, MAX_BYTES, Columns, Listed, Wanted, cells_of, of_one_length
+from rig.exchange.binary.columns import FEW, MAX_BYTES, Columns, Listed, Wanted, by_name, cells_of, of_one_length
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
 
 def read(path: Path, group: str, wanted: Wanted) -> Columns:
     """The vectors of numbers. Raises RunError where they cannot be read."""
-    vectors = _vectors(path)
+    found = _vectors(path)
+    vectors = {name: array for name, array in found.items() if name in wanted} if by_name(wanted) else found
+    vectors = vectors or found
     return of_one_length(
         str(path), list(vectors), [cells_of(array, f"{path}, {shown(name)}") for name, array in vectors.items()]
     )

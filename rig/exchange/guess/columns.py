@@ -79,7 +79,7 @@ def _of_dates(source: Source) -> tuple[list[Proposed], set[Key]]:
         units = units_of(cells, source.reads)
         first = next((str(cell) for cell in cells if str(cell).strip()), "")
         doubt = doubt_of(units, first)
-        unit = " or ".join(units[-2:]) if doubt and units else units[0] if units else ""
+        unit = " or ".join(unit for unit in units if unit in DATED) if doubt else units[0] if units else ""
         keys = {"column": key, "unit": unit}
         found.append(Proposed("time_s", keys, (doubt,) if doubt else (), f"{note}: such as '{shown(first)}'"))
     return found, used
@@ -219,4 +219,6 @@ def doubt_of(units: Sequence[str], first: str) -> str:
     if not units:
         return "no unit of time that the import knows reads all of it, or the clock goes back"
     day_or_month = set(units) >= {"D.M.Y h:m:s", "M/D/Y h:m:s"}
+    if "Y-M-D h:m:s" in units and len(set(units) & set(DATED)) > 1:
+        return "which is the year, which the month, and which the day?"
     return "which is the day, and which the month?" if day_or_month and "." not in first.partition(" ")[0] else ""

@@ -82,7 +82,7 @@ def _headings(before: Rows, width: int, reads: Cell) -> tuple[tuple[int, list[st
     """The row of headings with its line, and the units of a row between it and the data."""
 
     def is_heading(at: int) -> bool:
-        return len(before) >= -at and len(before[at][1]) >= width and not numbers_in(before[at][1], reads)[0]
+        return len(before) >= -at and len(before[at][1]) >= width and not _is_data(before[at][1], reads)
 
     if not is_heading(-1):
         return (0, []), []

@@ -13,6 +13,7 @@ from rig.exchange.binary.columns import MAX_BYTES, Listed
 from rig.exchange.cells import Cell
 from rig.exchange.guess.layout import Layout, Rows, is_time, layout_of
 from rig.exchange.mapping import TableTable
+from rig.exchange.tables import lines_of
 from rig.exchange.workbook import rows_of, sheet_names
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
@@ -42,7 +43,7 @@ def look_at_text(path: Path) -> Text:
         data = stream.read(LOOKED_BYTES)
         cut = bool(stream.read(1))
     encoding, text = _decoded(data, path)
-    lines = text.removeprefix("\ufeff").splitlines()
+    lines = lines_of(text.removeprefix("\ufeff"))
     whole = not cut and len(lines) <= LOOKED_LINES
     fits: list[tuple[int, str, str, Layout]] = []
     for delimiter in DELIMITERS:
@@ -54,8 +55,9 @@ def look_at_text(path: Path) -> Text:
                 fits.append((_fit(found, reads, delimiter), delimiter, decimal, found))
     if not fits:
         raise RunError(f"{path}: no line of the first {LOOKED_LINES} has a number; is it a table?")
-    most = max(fit for fit, *_ in fits)
-    best = [found for found in fits if found[0] == most]
+    # Where nothing fits, as with spaces in numbers, headings tell more.
+    rank = [(max(fit, 0), found.heading_line > 0, fit) for fit, _, _, found in fits]
+    best = [found for found, its in zip(fits, rank, strict=True) if its == max(rank)]
     delimiters = list(dict.fromkeys(delimiter for _, delimiter, _, _ in best))
     if delimiters != [" "]:  # which takes a tab for one, and tells no empty cell
         delimiters = [delimiter for delimiter in delimiters if delimiter != " "]

@@ -1,0 +1,226 @@
+"""Tables as loggers and offices leave them: nothing is lost, moved or made up without a word; or it is refused."""
+
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
+
+from rig.exchange.guess.proposal import propose
+from tests.rig.runlog.test_runlog_import import CLOCKED, HEAD, SIMPLE, put, workbook  # noqa: F401 - a fixture
+
+ROWS = "2,0;397,1\n2,2;450,2\n2,4;500,3\n"
+LABELLED = "No;P;n\n1;2,0;397,1\n2;2,2;450,2\n3;2,4;500,3\nMean;2,2;449,2\n"
+
+
+@pytest.fixture
+def given(put, tmp_path, spinbench_here):  # noqa: F811 - the fixture
+    """Imports a file by the command; returned are its exit code, what it said, and the table that it made, if any."""
+
+    def run(content, columns=SIMPLE, reader="csv", more=""):
+        head = HEAD
+        if reader != "csv":
+            head = head.replace('"csv"\ndelimiter = ";"\ndecimal = ","', f'"{reader}"')
+        put("map.toml", head + more + columns)
+        source = tmp_path / f"data.{reader}"
+        content(source) if callable(content) else put(source.name, content)
+        out = tmp_path / f"out{len(list(tmp_path.glob('out*')))}"
+        done = spinbench_here("runs", "import", source.name, "--mapping", "map.toml", "-o", out, cwd=tmp_path)
+        made = out / "data.csv"
+        assert made.is_file() == out.exists() == (done.returncode == 0)
+        return done.returncode, done.stderr, made.read_text() if made.is_file() else ""
+
+    return run
+
+
+REFUSED = {
+    "rows in quotation marks": (
+        'P;n;note\n2,0;397;"hose a\n2,2;450;\n2,4;500;b"\n2,6;550;\n',
+        "",
+        "data.csv, line 2: a cell in quotation marks holds what follows down to line 4; is a mark missing?",
+    ),
+    "milliseconds as a date": (
+        "t;P;n\n1712050400123;2,0;397\n1712050401123;2,0;398\n",
+        "ISO",
+        "data.csv, line 2, column 't': '1712050400123' is not a time (ISO)",
+    ),
+    "an offset from UTC in some rows": (
+        "t;P;n\n2024-05-01T10:00:00+02:00;2,0;397\n2024-05-01T08:00:01;2,0;398\n",
+        "ISO",
+        "data.csv, line 3, column 't': '2024-05-01T08:00:01' and '2024-05-01T10:00:00+02:00' before it: one tells its",
+    ),
+    "a year of three digits": ("t;P;n\n13.06.224 10:00:00;2,0;397\n", "D.M.Y h:m:s", "data.csv, line 2, column 't'"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_would_be_read_wrongly_is_refused_with_its_line(given, name):
+    content, unit, words = REFUSED[name]
+    code, said, _ = given(content, SIMPLE + (CLOCKED.format(unit) if unit else ""))
+    assert (code, words in said) == (2, True), said
+    assert "Traceback" not in said
+
+
+def test_a_remark_over_two_lines_loses_no_row(given):
+    code, _, made = given('P;n;note\n2,0;397;"hose a\nhose b"\n2,2;450;\n')
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", "2.2,450.0"])
+
+
+@pytest.mark.parametrize("mark", ["\x0c", "\x85", "\u2028", "\x1c"])
+def test_a_line_ends_where_the_logger_ended_it(given, mark):
+    code, _, made = given(f"P;n;note\n2,0;397;a{mark}b\n2,2;450;\n")
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", "2.2,450.0"])
+    code, said, _ = given(f"P;n;note\n2,0;397;a{mark}b\n2,2;kaputt;\n")
+    assert (code, "line 3, column 'n'" in said) == (2, True)
+
+
+def test_a_row_that_is_called_something_is_told(given):
+    code, said, _ = given(LABELLED)
+    assert (code, "line 5, column 1: 'Mean' among numbers" in said) == (0, True)
+
+
+def test_a_row_that_is_called_something_is_left_out_as_it_is_told(given):
+    files = '[[files]]\nfile = "data.csv"\nkind = "steady"\nrows = [1, 3]\n'
+    code, said, made = given(LABELLED, SIMPLE + files)
+    assert (code, said, len(made.splitlines())) == (0, "", 4)
+
+
+def test_a_number_that_the_file_s_end_cuts_is_told(given):
+    assert "line 4: '50' ends the file without a line's end" in given("P;n\n" + ROWS[:-4])[1]
+
+
+@pytest.mark.parametrize("ending", ["", "\n"])
+def test_a_file_that_ends_as_its_rows_do_is_not_suspected(given, ending):
+    assert given("P;n\n" + ROWS.rstrip("\n") + ending)[:2] == (0, "")
+
+
+def sheet(cell, more=""):
+    """A workbook of two rows whose pressure in the second is a cell as it stands in the file."""
+
+    def write(path):
+        rows = [
+            '<c r="A1" t="inlineStr"><is><t>P</t><rPh sb="0" eb="1"><t>kana</t></rPh></is></c>'
+            '<c r="B1" t="inlineStr"><is><r><t>n</t></r></is></c>',
+            '<c r="A2"><v>2.0</v></c><c r="B2"><v>397</v></c>',
+            f'{cell}<c r="B3"><v>450</v></c>',
+        ]
+        text = "".join(f'<row r="{number}">{row}</row>' for number, row in enumerate(rows, start=1))
+        workbook(path, f"<worksheet MAIN><sheetData>{text}</sheetData>{more}</worksheet>")
+
+    return write
+
+
+MERGED = '<mergeCells count="1"><mergeCell ref="A2:A3"/></mergeCells>'
+
+
+@pytest.mark.parametrize(
+    ("write", "words"),
+    [
+        (sheet('<c r="A3"><f>A2*1.1</f></c>'), "line 3, column 'P': '=A2*1.1' is not a number"),
+        (sheet('<c r="A3"/>', MERGED), "line 3, column 'P': 'merged with A2' is not a number"),
+    ],
+)
+def test_a_cell_of_a_workbook_that_looks_empty_and_is_not_is_refused(given, write, words):
+    code, said, _ = given(write, reader="xlsx", more='sheet = "one"\n')
+    assert (code, words in said) == (2, True), said
+
+
+def test_a_formula_that_gave_an_empty_text_is_an_empty_cell_and_a_heading_is_read_without_how_it_is_said(given):
+    code, _, made = given(
+        sheet('<c r="A3" t="str"><f>IF(1,"","")</f><v></v></c>'), reader="xlsx", more='sheet = "one"\n'
+    )
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", ",450.0"])
+
+
+def test_a_workbook_in_strict_open_xml_is_refused_as_what_it_is(given):
+    def write(path):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("xl/_rels/workbook.xml.rels", "<R/>")
+            archive.writestr("xl/workbook.xml", '<workbook xmlns="http://purl.oclc.org/ooxml/spreadsheetml/main"/>')
+
+    code, said, _ = given(write, reader="xlsx", more='sheet = "one"\n')
+    assert (code, "was it saved as Strict Open XML?" in said) == (2, True), said
+
+
+@pytest.mark.parametrize(
+    ("values", "attributes"),
+    [
+        (np.array([400.0, 9999.0, 380.0]), {"valid_range": [0.0, 2000.0]}),
+        (np.array([400, 9999, 380]), {"valid_max": 2000}),
+        (np.float32([400.0, 0.1, 380.0]), {"missing_value": 0.1}),
+    ],
+)
+def test_what_an_hdf5_file_calls_no_value_is_missing_and_told(given, values, attributes):
+    def write(path):
+        with h5py.File(path, "w") as file:
+            file["P"], file["n"] = [2.0, 2.1, 2.2], values
+            file["n"].attrs.update(attributes)
+
+    code, said, made = given(write, reader="hdf5")
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,400.0", "2.1,", "2.2,380.0"])
+    assert "column 'n': no reading 1 times ('nan'), taken as missing" in said
+
+
+def test_a_sample_that_an_mdf_file_marks_as_invalid_is_told(given):
+    def write(path):
+        time, invalid = np.arange(3.0), np.array([False, True, False])
+        with MDF(version="4.10") as file:
+            file.append(
+                [
+                    Signal(np.array([2.0, 2.1, 2.2]), time, name="P"),
+                    Signal(np.array([400.0, 390.0, 380.0]), time, name="n", invalidation_bits=invalid),
+                ]
+            )
+            file.save(path.with_suffix(".mf4"))
+        path.with_suffix(".mf4").rename(path)
+
+    code, said, made = given(write, reader="mdf")
+    assert (code, made.splitlines()[2]) == (0, "2.1,")
+    assert "column 'n': no reading 1 times" in said
+
+
+@pytest.mark.parametrize(("stated", "told"), [("Volts", True), ("mmHg", True), ("-", False), ("bar", False)])
+def test_a_unit_that_the_import_does_not_know_is_told_too(given, stated, told):
+    def write(path):
+        channels = [ChannelObject("g", "P", np.array([2.0, 2.1]), {"unit_string": stated})]
+        with TdmsWriter(path) as writer:
+            writer.write_segment([*channels, ChannelObject("g", "n", np.array([397.0, 400.0]), {})])
+
+    code, said, _ = given(write, reader="tdms")
+    assert (code, f"'P': the file says '{stated}', the mapping 'bar abs'" in said) == (0, told)
+
+
+@pytest.mark.parametrize("other", [np.arange(7.0), np.arange(2.0) + 1j])
+def test_a_matlab_vector_that_is_not_taken_may_be_anything(given, other):
+    code, _, made = given(lambda path: savemat(path, {"P": [2.0, 2.1], "n": [397.0, 400.0], "x": other}), reader="mat")
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", "2.1,400.0"])
+
+
+HOBO = """"Plot Title: bench"
+"#","Date Time, GMT+02:00","Pressure, kPa","Host Connected"
+1,05/13/24 10:00:00 AM,201.3,
+2,05/13/24 10:00:01 AM,201.4,
+"""
+
+
+def test_a_date_of_two_digit_parts_is_proposed_as_one_of_several(put):  # noqa: F811 - the fixture
+    for date, units in (("13.06.24", "Y-M-D h:m:s or D.M.Y"), ("05.06.24", "Y-M-D h:m:s or D.M.Y h:m:s or M/D/Y")):
+        text = propose(put("data.csv", f"t;P [bar(a)]\n{date} 10:00:00;2,0\n{date} 10:00:01;2,1\n"))
+        assert "# Unsure: which is the year, which the month, and which the day?\n# [columns.time_s]\n" in text
+        assert f'# unit = "{units}' in text
+
+
+def test_a_heading_may_hold_something_like_a_time(put):  # noqa: F811 - the fixture
+    text = propose(put("data.csv", HOBO))
+    assert "heading_line = 2\n" in text
+    assert 'column = "Date Time, GMT+02:00"\nunit = "M/D/Y h:m:s"\n' in text
+
+
+@pytest.mark.parametrize("cell", ["1 397,1", "1\xa0397,1", "\u22121,1"])
+def test_a_number_that_cannot_be_read_does_not_hide_the_delimiter(put, cell):  # noqa: F811 - the fixture
+    text = propose(put("data.csv", f"P [bar(a)];n [1/min]\n2,0;{cell}\n2,2;{cell}\n"))
+    assert 'delimiter = ";"\ndecimal = ","\n' in text
+    assert f"'n [1/min]': such as '{cell}'" in text.replace("\\xa0", "\xa0")
