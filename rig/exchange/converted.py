@@ -21,6 +21,7 @@ from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
 
+JUMP_S, JUMP = 60.0, 100.0  # of a run's clock, told when it is longer than both: seconds, usual steps
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
 NORMAL = StandardTable(pressure_bar_abs=STANDARD_BAR, temperature_c=0.0)  # that `units` refers a flow of mass to
 ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read
@@ -91,6 +92,8 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
             converted.columns[name] = Column(column.values * source.factor, censor)
     if isinstance(mapping.motor, str):
         _check(entry, converted, lines, table.place)
+    if entry.kind == "transient" and "time_s" in converted.columns:
+        converted.notes += _jumps(converted.columns["time_s"].values, lines, table.place)
     thinned = _thinned(mapping, converted, table.place)
     thinned.lines = lines[entry.average_rows - 1 :: entry.average_rows]
     return _at_rest(mapping, thinned, table.place)
@@ -111,6 +114,18 @@ def _check(entry: FileTable, converted: Converted, lines: Sequence[int], place: 
             raise RunError(
                 f"{place}, line {lines[int(back.argmax()) + 1]}: time_s does not increase from the row before"
             )
+
+
+def _jumps(times: NDArray[np.float64], lines: Sequence[int], place: str) -> list[str]:
+    """Where the clock of a run goes on by far more than it does from row to row, in words."""
+    steps = np.diff(times)
+    if steps.size < 2 or not np.nanmax(steps) > max(JUMP_S, JUMP * float(np.nanmedian(steps))):
+        return []
+    at = int(np.nanargmax(steps))
+    return [
+        f"{place}, line {lines[at + 1]}: {steps[at]:.6g} s after the row before, where {np.nanmedian(steps):.3g} s are "
+        "usual; was the clock set, as for summer time?"
+    ]
 
 
 def _at_rest(mapping: MappingFile, converted: Converted, place: str) -> Converted:

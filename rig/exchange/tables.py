@@ -16,10 +16,12 @@ from rig.exchange.binary.columns import MAX_BYTES, MAX_SERIES, Cells
 from rig.exchange.mapping import TableTable
 from rig.exchange.workbook import rows_of
 from rig.recording.mistakes import shown
+from rig.recording.units import unit_called
 from rig.runlog.folder import RunError, read_bytes
 
 _SPACED = re.compile(r'"([^"]*)"|(\S+)')
 _LINE_END = re.compile(r"\r\n?|\n")
+_UNIT = re.compile(r"[\[(]([^\[\]()]+(?:\([^()]*\))?)[\])]\s*")
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,9 @@ def _of_rows(
     least, line = min((len(row), number) for number, row in data)
     columns: list[Cells] = [[row[index] if index < len(row) else "" for _, row in data] for index in range(width)]
     short = (line, least) if is_text and least < width else None
-    return Table(place, headings, columns, [number for number, _ in data], short, hint=hint)
+    in_brackets = {heading: found[1] for heading in headings for found in _UNIT.finditer(heading)}
+    units = {heading: unit for heading, unit in in_brackets.items() if unit_called(unit)}
+    return Table(place, headings, columns, [number for number, _ in data], short, units=units, hint=hint)
 
 
 def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:

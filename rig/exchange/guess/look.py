@@ -165,9 +165,21 @@ def _text(path: Path) -> Source:
         Said("decimal", found.decimals, "no number here has one" if len(found.decimals) > 1 else ""),
     ]
     table += [Said("encoding", [found.encoding])] * (found.encoding != "utf-8")
-    reads = Cell(TableTable(reader="csv", delimiter=found.delimiters[0], decimal=found.decimals[0]))  # type: ignore[arg-type]
+    reads, other = (
+        Cell(TableTable(reader="csv", delimiter=found.delimiters[0], decimal=mark))  # type: ignore[arg-type]
+        for mark in (found.decimals[0], {".": ",", ",": "."}[found.decimals[0]])
+    )
+    columns = _columns(layout, reads)
+    if len(found.decimals) == 1 and any(_reads_better(other, reads, column.cells) for column in columns):
+        both = "some numbers have the one and some the other; does one part thousands?"
+        table[1] = Said("decimal", [reads.decimal, other.decimal], both)
     remarks = [] if found.whole else [f"only the first {LOOKED_LINES} lines were looked at"]
-    return Source("csv", [*table, *_lines(layout)], _columns(layout, reads), reads, remarks + _odd(layout))
+    return Source("csv", [*table, *_lines(layout)], columns, reads, remarks + _odd(layout))
+
+
+def _reads_better(other: Cell, reads: Cell, cells: Sequence[str | float]) -> bool:
+    """Whether a column's cells are all numbers with the other decimal mark, and not with this one."""
+    return None in map(reads.number, cells) and None not in map(other.number, cells)
 
 
 def _workbook(path: Path) -> Source:

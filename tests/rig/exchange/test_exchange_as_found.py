@@ -224,3 +224,33 @@ def test_a_number_that_cannot_be_read_does_not_hide_the_delimiter(put, cell):  #
     text = propose(put("data.csv", f"P [bar(a)];n [1/min]\n2,0;{cell}\n2,2;{cell}\n"))
     assert 'delimiter = ";"\ndecimal = ","\n' in text
     assert f"'n [1/min]': such as '{cell}'" in text.replace("\\xa0", "\xa0")
+
+
+def test_marks_for_thousands_make_the_decimal_mark_unsure(put):  # noqa: F811 - the fixture
+    text = propose(put("data.csv", "P [bar(a)];n [1/min]\n2.0;1,397\n2.2;1,450\n"))
+    assert "# Unsure: some numbers have the one and some the other; does one part thousands?\n# decimal = " in text
+
+
+@pytest.mark.parametrize(
+    ("rows", "jump"),
+    [
+        (["2024-03-31T01:59:58", "2024-03-31T01:59:59", "2024-03-31T03:00:00", "2024-03-31T03:00:01"], "3601 s"),
+        (["1904-01-01T00:00:00", "1904-01-01T00:00:01", "2024-06-13T10:00:00", "2024-06-13T10:00:01"], "3.80112e+09 s"),
+        (["2024-03-31T01:59:58", "2024-03-31T01:59:59", "2024-03-31T02:00:30", "2024-03-31T02:00:31"], ""),
+    ],
+)
+def test_a_clock_that_was_set_forward_in_a_run_is_told(given, rows, jump):
+    files = '[[files]]\nfile = "data.csv"\nkind = "transient"\n'
+    csv = "t;P;n\n" + "".join(f"{row};2,0;397\n" for row in rows)
+    code, said, _ = given(csv, SIMPLE + CLOCKED.format("ISO") + files)
+    assert (code, f"line 4: {jump} after the row before, where 1 s are usual" in said) == (0, bool(jump)), said
+
+
+@pytest.mark.parametrize(
+    ("heading", "told"),
+    [("[kPa]", True), ("(bar gauge)", True), ("[bar]", False), ("(bar(a))", False), ("(CH1)", False)],
+)
+def test_a_unit_in_a_heading_that_is_another_than_the_mapping_s_is_told(given, heading, told):
+    columns = SIMPLE.replace('"P"', f'"P {heading}"')
+    code, said, _ = given(f"P {heading};n\n2,0;397\n", columns)
+    assert (code, "the file says" in said) == (0, told), said
