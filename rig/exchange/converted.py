@@ -271,9 +271,10 @@ def _labelled(table: Table, rows: list[int], reads: Cell) -> list[str]:
     """Rows that a word among numbers seems to call something else than a reading, such as a mean below the others."""
     texts = [(at, cells) for at, cells in enumerate(table.columns) if isinstance(cells[rows[0]], str)]
     for at, cells in texts:
-        named = [row for row in rows if not _DIGIT.search(str(cells[row])) and reads.reading(cells[row]) is None]
-        numbers = sum(bool(_DIGIT.search(str(cells[row]))) for row in rows) if named else 0
-        if 0 < len(named) < numbers:
+        plain = {row: cell for row in rows if not _DIGIT.search(cell := str(cells[row]))}
+        words = {cell for cell in set(plain.values()) if reads.reading(cell) is None}
+        named = [row for row, cell in plain.items() if cell in words]
+        if 0 < len(named) < len(rows) - len(plain):
             lines = ", ".join(str(table.lines[row]) for row in named[:5]) + ", ..." * (len(named) > 5)
             return [
                 f"{table.place}, line {lines}, column {at + 1}: '{shown(str(cells[named[0]]))}' among numbers; where "
