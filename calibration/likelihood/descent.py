@@ -25,16 +25,17 @@ MOST_PASSES = 30
 HALVINGS = 8  # of an effect with which the motor stalls
 WAYS = 2  # shortened and damped; a search ends where neither gains
 SHORTENED, DAMPED = 4, 5  # tries of a step that does not lower the cost, each shorter or more damped
-LONGEST, SHORTEST = 0.5, 0.1  # a shorter one goes as far as the parabola through the last says, and these shares of it
+LONGEST, SHORTEST, PARTS = 0.8, 0.1, 30  # of a step that is shortened, in parts of the last; how many are looked at
 LEAST_DAMPING, STEEPER = 1e-3, (5.0, 10.0)  # share of A's diagonal to begin with; after a try that failed, times
 EASED, TIGHTENED = 10.0, 3.0  # after a step that gained what it promised, through this; much less, times this
 GOOD_GAIN, POOR_GAIN, MUCH = 0.7, 0.25, 4.0  # shares of the promised gain, of which no more than so many nats count
+SAME_COST = 1e-6  # nats by which a step may raise the cost
 LEAST_GAIN = 0.005  # nats; a step that promises less is not tried further
 SAME = 0.1  # prior sds; two ends of searches that are no farther apart in any direction are one
-SETTLED = 0.01  # nats gained by a step, below which a search ends
+SETTLED, ROUGH = 0.01, 0.05  # nats gained by a step, below which a search ends; with runs in time, which leave waves
 NOISE_SETTLED = 0.05  # of the noise's prior sds: a larger change asks for another point
 HOPELESS = 70.0  # nats behind the best set's end from which a search is not gone on with
-LITTLE = 1.0  # nats that a search so far behind has to gain by a step
+LITTLE = 1.0  # nats that a search so far behind has to gain by a step, or that one loses to a bend of its valley
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 PULLED = 3.0  # sds from which a nuisance is handed over to the effect that has its form
 
@@ -172,28 +173,27 @@ def _descend(
 ) -> _Point:
     """Steps until one gains little by either way.
 
-    With a cost above `behind`, a step that gains less than a nat is the last too. Derivatives are taken anew only after
-    a long step, or one that gained far less than they promised: those of a place near by lead to the same point.
+    With a cost above `behind`, the second step in a row that gains less than a nat is the last too. Derivatives are
+    taken anew only after a long step, or one that gained far less than they promised: those of a place near by lead to
+    the same point.
     """
-    damping, is_damped, stuck = LEAST_DAMPING, False, 0
+    damping, is_damped, stuck, slow = LEAST_DAMPING, False, 0, 0
+    settled = ROUGH if comparison.in_time else SETTLED
     for _ in range(MOST_PASSES):
         if fresh:
             at = replace(at, D=f.derivatives(at.z, at.predicted, at.D, at.u))
-        white = comparison.whitener(at.predicted, at.u)
-        r, J = white(comparison.read - comparison.raw(at.predicted)), white(at.D)
-        weight, _ = robust_weights(r, comparison, found)
-        A = (J * weight[:, None]).T @ J + np.eye(at.z.size)
-        steps = _Steps(f, comparison, at, A, (J * weight[:, None]).T @ r - at.z, found)
+        steps = _Steps(f, comparison, at, found)
         step, damping = steps.damped(damping) if is_damped else (steps.shortened(), damping)
-        far = float((step.z - at.z) @ A @ (step.z - at.z))
+        far = float((step.z - at.z) @ steps.A @ (step.z - at.z))
         u = suiting_noise(comparison, step.predicted, at.u, at.D, correlated, found)
         stands = float(np.max(np.abs(u - at.u) / comparison.noise.spread)) < NOISE_SETTLED
         at = _Point(step.z, u, at.D, step.predicted)
-        ends = step.gain < SETTLED and stands
+        ends = step.gain < settled and stands
         stuck = stuck + 1 if ends and (fresh or stuck) else 0
-        if stuck == WAYS or (ends and step.promised < SETTLED):
+        if stuck == WAYS or (ends and step.promised < settled):
             break
-        if step.cost > behind and step.gain < LITTLE and fresh:
+        slow = slow + 1 if step.gain < LITTLE and fresh else 0
+        if step.cost > behind and slow == WAYS:
             break
         creeps = step.gain < POOR_GAIN * min(step.promised, MUCH)
         fresh = (far > STALE or creeps) and not (fresh and far == 0.0)
@@ -258,29 +258,44 @@ class _Step:
     promised: float
 
 
+@dataclass(frozen=True)
+class _Tried:
+    """A point tried, and how much it raises the cost: without a limit where the model gives no reading [nats]."""
+
+    z: np.ndarray
+    predicted: Prediction
+    rise: float
+
+
 class _Steps:
     """Steps from a point in its quadratic, `A` and `downhill`, that lower the cost; no step where none does."""
 
-    def __init__(
-        self, f: Function, comparison: Compared, at: _Point, A: np.ndarray, downhill: np.ndarray, is_end: bool
-    ) -> None:
+    def __init__(self, f: Function, comparison: Compared, at: _Point, is_end: bool) -> None:
         self.f, self.comparison, self.at, self.is_end = f, comparison, at, is_end
-        self.A, self.downhill = A, downhill
-        self.bounds = f.low - at.z, f.high - at.z
+        self.white = comparison.whitener(at.predicted, at.u)
+        self.J, self.r = self.white(at.D), self.white(comparison.read - comparison.raw(at.predicted))
+        self.weight = robust_weights(self.r, comparison, is_end)[0]
+        self.weighed = self.J * self.weight[:, None]
+        self.A = self.weighed.T @ self.J + np.eye(at.z.size)
+        self.downhill: np.ndarray = self.weighed.T @ self.r - at.z
         self.before = _cost(comparison, at, is_end)
-        self.whole = _bounded(A, downhill, *self.bounds)
+        self.low, self.high = np.maximum(f.low - at.z, f.farthest_down), f.high - at.z
+        self.whole = _bounded(self.A, self.downhill, self.low, self.high)
         self.promised = self._expected(self.whole)
 
     def shortened(self) -> _Step:
         """A share of the whole step."""
-        falls, share = float(self.whole @ self.downhill), 1.0
+        share = 1.0
         for _ in range(SHORTENED):
-            rise, step = self._tried(share * self.whole)
-            if step is not None:
-                return step
-            lowest = falls * share / (2.0 * (rise / share + falls))
-            share *= min(max(lowest / share, SHORTEST), LONGEST) if math.isfinite(lowest) else SHORTEST
-            if falls * share < LEAST_GAIN:
+            move = share * self.whole
+            tried = self._tried(move)
+            bent, lost = self._bent(tried, move), tried.rise + self._expected(move)
+            if LITTLE < lost < math.inf:  # less is the model's roughness
+                tried = min(tried, self._back(tried, bent), key=lambda one: one.rise)
+            if tried.rise <= SAME_COST:
+                return self._step(tried)
+            share *= self._less(share, bent) if math.isfinite(lost) else SHORTEST
+            if self._expected(share * self.whole) < LEAST_GAIN:
                 break
         return self._none()
 
@@ -290,32 +305,55 @@ class _Steps:
         `damping`: to begin with; a share of A's diagonal [-].
         """
         for turn in range(DAMPED):
-            move = _bounded(self.A + damping * np.diag(np.diag(self.A)), self.downhill, *self.bounds)
+            move = _bounded(self.A + damping * np.diag(np.diag(self.A)), self.downhill, self.low, self.high)
             expected = self._expected(move)
             if turn and expected < LEAST_GAIN:
                 break
-            _, step = self._tried(move)
-            if step is None:
+            tried = self._tried(move)
+            if tried.rise > SAME_COST:
                 damping *= STEEPER[turn > 0]
                 continue
-            if step.gain > GOOD_GAIN * expected:
+            if -tried.rise > GOOD_GAIN * expected:
                 damping = max(damping / EASED, LEAST_DAMPING)
-            elif step.gain < POOR_GAIN * expected:
+            elif -tried.rise < POOR_GAIN * expected:
                 damping *= TIGHTENED
-            return step, damping
+            return self._step(tried), damping
         return self._none(), damping
 
-    def _tried(self, move: np.ndarray) -> tuple[float, _Step | None]:
-        """How much a move raises the cost, and the step where it does not."""
+    def _tried(self, move: np.ndarray) -> _Tried:
+        """The end of a move."""
         at, f = self.at, self.f
         move = move * min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-12))
-        tried = f.along_valley(at.z, f.clip(f.advance(at.z, move)), at.predicted, at.D)
-        found, rise = f(tried), math.inf
+        return self._seen(f.along_valley(at.z, f.clip(f.advance(at.z, move)), at.predicted, at.D))
+
+    def _bent(self, tried: _Tried, move: np.ndarray) -> np.ndarray:
+        """What a move did to the readings beyond the straight line, whitened [-], shape (m,)."""
+        change = self.comparison.raw(tried.predicted) - self.comparison.raw(self.at.predicted)
+        bent: np.ndarray = self.white(change - self.at.D @ move)
+        return bent
+
+    def _back(self, tried: _Tried, bent: np.ndarray) -> _Tried:
+        """Where a move ends once that is taken back along the straight line."""
+        f, z = self.f, tried.z
+        back = _bounded(self.A, -self.weighed.T @ bent, f.low - z, f.high - z)
+        back *= min(1.0, LARGEST_MOVE / max(float(np.max(np.abs(back))), 1e-12))
+        return self._seen(f.along_valley(z, f.clip(f.advance(z, back)), tried.predicted, self.at.D))
+
+    def _less(self, share: float, bent: np.ndarray) -> float:
+        """The part of a share at which a step gains most, where what is bent goes with its square."""
+        parts = np.geomspace(SHORTEST, LONGEST, PARTS)
+        left = self.r[:, None] - np.outer(self.J @ self.whole, share * parts) - np.outer(bent, parts**2)
+        cost = self.weight @ left**2 + np.sum((self.at.z[:, None] + np.outer(self.whole, share * parts)) ** 2, axis=0)
+        return float(parts[np.argmin(cost)])
+
+    def _seen(self, z: np.ndarray) -> _Tried:
+        found, rise = self.f(z), math.inf
         if self.comparison.is_told(found):
-            rise = cost_at(self.comparison, tried, at.u, found, self.is_end) - self.before
-        if rise > 1e-6:
-            return rise, None
-        return rise, _Step(tried, found, self.before + rise, -rise, self.promised)
+            rise = cost_at(self.comparison, z, self.at.u, found, self.is_end) - self.before
+        return _Tried(z, found, rise)
+
+    def _step(self, tried: _Tried) -> _Step:
+        return _Step(tried.z, tried.predicted, self.before + tried.rise, -tried.rise, self.promised)
 
     def _none(self) -> _Step:
         return _Step(self.at.z, self.at.predicted, self.before, 0.0, self.promised)

@@ -39,6 +39,8 @@ class Function:
             self.high[self.k + i] = one.z(parameter.high)
         everything = [*self.problem.nuisances, *(one for _, one in unknown)]
         self.log_step = np.array([math.log(one.b) if one.kind == "lognormal" else 0.0 for one in everything])
+        falls = self.log_step > 0.0
+        self.farthest_down = np.where(falls, (LEAST_FACTOR - 1.0) / np.where(falls, self.log_step, 1.0), -np.inf)
 
     def clip(self, z: np.ndarray) -> np.ndarray:
         """The nearest point within the bounds [-]. `z`, shape (m,): a point [-]."""

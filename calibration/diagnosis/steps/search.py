@@ -39,6 +39,7 @@ CLOSE = 10.0  # nats behind the best set within which another is looked for from
 # Not tried is what promises less than half of what the member is worth, and is this far behind it in nats: the linear
 # model is seldom off by more.
 HOPELESS_SHARE, HOPELESS = 0.5, 15.0
+ASTRAY = 1.0  # nats by which a set may fit worse than a part of it, or its search went astray
 AT_ONCE = 3  # refits that a further one does not wait for: two processes then never wait for each other
 
 Names = tuple[str, ...]
@@ -247,8 +248,13 @@ class Search:
 
 
 def _found(comparison: Compared, job: _Job, best: float) -> Mode | None:
+    """The most probable point of a set; from the other set's own point where a further effect led away from it."""
     try:
-        return find(comparison, job.names, *job.starts, first=job.first, best=best)
+        found = find(comparison, job.names, *job.starts, first=job.first, best=best)
+        if set(job.near.names) < set(job.names) and cost_of(comparison, found) > cost_of(comparison, job.near) + ASTRAY:
+            again = find(comparison, job.names, *job.starts, first=values_of(comparison.problem, job.near), best=best)
+            return max(found, again, key=lambda mode: mode.log_evidence)
+        return found
     except ArithmeticError:  # nothing of it can be simulated
         return None
 
