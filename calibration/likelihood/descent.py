@@ -1,8 +1,10 @@
 """The search for a model's most probable point: steps of Gauss and Newton, damped ones where those creep.
 
-A step that does not lower the cost is shortened. Along a curved valley, as between a line's pressure and the forms of a
-valve, shortened steps creep; a damped one turns downhill. Neither is the better one everywhere.
-Source: Marquardt, An algorithm for least-squares estimation of nonlinear parameters, SIAM J. 11 (1963) 431.
+Where a step leaves a curved valley, what it did beyond the straight line is taken back along that line. If it still
+does not lower the cost, it is shortened. Where shortened steps creep, a damped one turns downhill. Neither is better
+everywhere.
+Sources: Nocedal and Wright, Numerical Optimization (2006), 18.3 (second-order correction); Marquardt, An algorithm for
+least-squares estimation of nonlinear parameters, SIAM J. 11 (1963) 431.
 """
 
 from __future__ import annotations

@@ -25,6 +25,8 @@ class Function:
 
     `low`, `high`, shape (m,): bounds of each unknown [-].
     `log_step`, shape (m,): change of an unknown's logarithm per unit of z; 0 where it is not log-normal [-].
+    `farthest_down`, shape (m,): step that takes a log-normal unknown to `LEAST_FACTOR` of itself; minus infinity for
+        others [-].
     """
 
     def __init__(self, comparison: Compared, names: Sequence[str]) -> None:

@@ -100,7 +100,7 @@ def _change_table(document: Mapping[str, Any]) -> Grid:
                     words.called([change["id"]]),
                     name,
                     *(_unbroken(words.figure(name, one, key)) for key in ("before", "after", "change")),
-                    _unbroken(f"{low}{NO_BREAK}to{NO_BREAK}{high} {shown}"),
+                    f"{low} to {high} {shown.replace(' ', NO_BREAK)}",
                     words.chance(change["probability"]),
                 )
             )
