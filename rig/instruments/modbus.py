@@ -7,6 +7,7 @@ answer the next poll begins with the same block, so an answer that comes late ca
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -97,20 +98,22 @@ class RegisterChannel(ChannelFile, RegisterNumber):
             bits = 16 * self.width
             signed = f"; as {self.type} it is {int(number) - (1 << bits)}" if 0 < number < 1 << bits else ""
             try:
-                comes = self.stands(number)
+                comes: float | None = self._comes(number)
             except ValueError:
                 comes = None
             if comes is None or (not is_float(self.type) and comes != number):
                 raise ValueError(f"over_range, under_range, invalid: {number} never comes as {self.type}{signed}")
         return self
 
-    def stands(self, number: float) -> int | float:
-        """A state's number as it comes: -999.9 is another one as f32."""
-        return number_of(words_of(number, self.type), self.type)
+    @functools.cached_property
+    def states(self) -> tuple[frozenset[float], frozenset[float], frozenset[float]]:
+        """Invalid, over and under range: the numbers as they come. -999.9 is another one as f32."""
+        given = (self.invalid, self.over_range, self.under_range)
+        invalid, over, under = (frozenset(map(self._comes, numbers)) for numbers in given)
+        return invalid, over, under
 
-    def is_among(self, number: float, states: Sequence[float]) -> bool:
-        """Whether a number as it came stands for one of some states."""
-        return any(number == self.stands(state) for state in states)
+    def _comes(self, number: float) -> float:
+        return number_of(words_of(number, self.type), self.type)
 
 
 class Check(Strict):
@@ -205,12 +208,13 @@ def _words(span: Span, image: Image) -> tuple[int, ...]:
 def _value(channel: RegisterChannel, words: Sequence[int]) -> Value:
     number = channel.number(words)
     raw = repr(number)
-    if channel.is_among(number, channel.invalid):
+    invalid, over, under = channel.states
+    if number in invalid:
         return Value(None, Quality.EXCEPTION, raw, f"the device reports a fault: {raw}")
     rising = 1.0 if channel.scale > 0.0 else -1.0
-    if channel.is_among(number, channel.over_range):
+    if number in over:
         return Value(rising * math.inf, raw=raw, detail=f"{raw} stands for over-range")
-    if channel.is_among(number, channel.under_range):
+    if number in under:
         return Value(-rising * math.inf, raw=raw, detail=f"{raw} stands for under-range")
     return Value(channel.scale * number + channel.offset, raw=raw)
 

@@ -249,12 +249,18 @@ class Search:
 
 def _found(comparison: Compared, job: _Job, best: float) -> Mode | None:
     """The most probable point of a set; from the other set's own point where a further effect led away from it."""
-    try:
-        found = find(comparison, job.names, *job.starts, first=job.first, best=best)
-        if set(job.near.names) < set(job.names) and cost_of(comparison, found) > cost_of(comparison, job.near) + ASTRAY:
-            again = find(comparison, job.names, *job.starts, first=values_of(comparison.problem, job.near), best=best)
-            return max(found, again, key=lambda mode: mode.log_evidence)
+    found = _sought(comparison, job, best)
+    if found is None or not set(job.near.names) < set(job.names):
         return found
+    if cost_of(comparison, found) <= cost_of(comparison, job.near) + ASTRAY:
+        return found
+    again = _sought(comparison, replace(job, first=values_of(comparison.problem, job.near)), best)
+    return max(found, again or found, key=lambda mode: mode.log_evidence)
+
+
+def _sought(comparison: Compared, job: _Job, best: float) -> Mode | None:
+    try:
+        return find(comparison, job.names, *job.starts, first=job.first, best=best)
     except ArithmeticError:  # nothing of it can be simulated
         return None
 
