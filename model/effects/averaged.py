@@ -40,7 +40,11 @@ NEWTON = 4  # steps to the flow through a loss; its law is a power of the flow
 FEW_PRESSURES = 2  # of a line that does no more than step
 NEXT_NODE, FARTHER_NODE, MOST_NODES = 1.2, 1.35, 24  # factors from one pressure to the next at which cycles are solved
 
+TORQUE, FLOW, SLOPE = slice(0, FINE), slice(FINE, 2 * FINE), slice(2 * FINE, 2 * FINE + 2)  # columns of `_at_nodes`
+LOSS = slice(SLOPE.stop, SLOPE.stop + 2 * FLOWS)
+
 _recent = Recent(32)
+_recent_nodes = Recent(16)
 _recent_cycles = Recent(16)
 _recent_tops = Recent(32)
 
@@ -126,6 +130,37 @@ def _tables(
     nodes = _nodes(pressures)
     gas = gas_state(parameters, float(nodes[-1]), readings)
     top = _top_speed(parameters, readings, gas, float(nodes[-1]), start_rad_s)
+    key = (
+        *(one.tobytes() for one in (_without(parameters, [at.J]), readings, nodes)),
+        *((effect.id, *sorted(values.items())) for effect, values in those),
+        (top, clock),
+    )
+    table = _recent_nodes(key, lambda: _at_nodes(parameters, readings, gas, nodes, top, those, clock))
+    # Between two nodes everything goes in a straight line with the pressure.
+    low = np.clip(np.searchsorted(nodes, pressures, side="right") - 1, 0, max(nodes.size - 2, 0))
+    high = np.minimum(low + 1, nodes.size - 1)
+    up = np.where(high > low, (pressures - nodes[low]) / np.maximum(nodes[high] - nodes[low], 1e-9), 0.0)
+    lossy = bool(np.any(table[:, LOSS]))
+    found = np.empty((pressures.size if lossy else 0, LOSS.stop))
+    if lossy:
+        _put_between(table, low, high, up, found)
+    torque = np.empty((pressures.size, FINE))
+    _put_between(table, low, high, up, torque)
+    flow, slope, loss = (np.ascontiguousarray(found[:, columns]) for columns in (FLOW, SLOPE, LOSS))
+    most_flow = _most_flow(table[:, FLOW])
+    return _Tables(pressures, torque, flow, slope, loss.reshape(-1, 2, FLOWS), top, most_flow, lossy)
+
+
+def _at_nodes(
+    parameters: np.ndarray,
+    readings: np.ndarray,
+    gas: np.ndarray,
+    nodes: np.ndarray,
+    top: float,
+    those: laws.Members,
+    clock: float,
+) -> np.ndarray:
+    """`_Tables` of each node, shape (nodes, LOSS.stop): net torque, flow, slopes and losses beside one another."""
     fine = np.linspace(0.0, top, FINE)
     coarse = top * (SLOWEST + (1.0 - SLOWEST) * 0.5 * (1.0 - np.cos(np.pi * np.arange(SPEEDS) / (SPEEDS - 1))))
     slope, torque, flow, load = _cycles(parameters, readings, gas, nodes, coarse, fine)
@@ -134,18 +169,13 @@ def _tables(
         speeds_of_all, lines = np.tile(fine, nodes.size), np.repeat(nodes, FINE)
         state = _state(speeds_of_all, flow.ravel(), lines, load.ravel(), parameters, gas, clock)
         torque -= laws.sum_of_torques(those, state, np.zeros(torque.size, dtype=bool)).reshape(torque.shape)
-    most_flow = max([1e-12, *(1.5 * one for one in flow.max(axis=1).tolist())])
-    loss = _losses(those, nodes, np.linspace(0.0, most_flow, FLOWS), parameters, gas, clock)
-    # Between two nodes everything goes in a straight line with the pressure.
-    low = np.clip(np.searchsorted(nodes, pressures, side="right") - 1, 0, max(nodes.size - 2, 0))
-    high = np.minimum(low + 1, nodes.size - 1)
-    up = np.where(high > low, (pressures - nodes[low]) / np.maximum(nodes[high] - nodes[low], 1e-9), 0.0)
-    lossy = bool(np.any(loss))
-    if lossy:
-        flow, slope, loss = (_between(table, low, high, up) for table in (flow, slope, loss))
-    else:
-        flow, slope, loss = (np.ascontiguousarray(table[:0]) for table in (flow, slope, loss))
-    return _Tables(pressures, _between(torque, low, high, up), flow, slope, loss, top, most_flow, lossy)
+    loss = _losses(those, nodes, np.linspace(0.0, _most_flow(flow), FLOWS), parameters, gas, clock)
+    return np.hstack([torque, flow, slope, loss.reshape(nodes.size, -1)])
+
+
+def _most_flow(flow: np.ndarray) -> float:
+    """The end of the tables of what a flow loses [kg/s]; of flows that are not numbers, the least."""
+    return max([1e-12, *(1.5 * one for one in flow.max(axis=1).tolist())])
 
 
 def _losses(
@@ -171,15 +201,9 @@ def _nodes(pressures: np.ndarray) -> np.ndarray:
     return grid[: int(np.searchsorted(grid, unique[-1])) + 1]
 
 
-def _between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Rows of a table between its nodes."""
-    found = np.empty((up.size, *table.shape[1:]))
-    _put_between(table.reshape(len(table), -1), low, high, up, found.reshape(up.size, -1))
-    return found
-
-
 @njit(cache=True, nogil=True)
 def _put_between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarray, out: np.ndarray) -> None:
+    """Fill `out`, shape (n, k), with the first k columns of a table between its nodes."""
     for i in range(up.size):
         for k in range(out.shape[1]):
             out[i, k] = (1.0 - up[i]) * table[low[i], k] + up[i] * table[high[i], k]
@@ -237,9 +261,14 @@ def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P:
 
 def _of_the_gas(parameters: np.ndarray) -> bytes:
     """All of a parameter set that the torque of the gas hangs on: not inertia, viscous friction nor extra torque."""
-    needed = parameters.copy()
-    needed[[at.J, at.F_OVERALL, at.EXTRA_TORQUE]] = 0.0
-    return needed.tobytes()
+    return _without(parameters, [at.J, at.F_OVERALL, at.EXTRA_TORQUE]).tobytes()
+
+
+def _without(parameters: np.ndarray, which: list[int]) -> np.ndarray:
+    """A parameter set in which some stand at 0."""
+    rest = parameters.copy()
+    rest[which] = 0.0
+    return rest
 
 
 def _state(

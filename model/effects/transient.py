@@ -295,6 +295,7 @@ def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np
     return mean
 
 
+@njit(cache=True, nogil=True)
 def lagged(mean: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
     """Speeds behind a first-order lag [rad/s], shape (n,).
 

@@ -47,6 +47,23 @@ def follows_angle(names: Iterable[str]) -> bool:
 
 
 @dataclass(frozen=True)
+class Sampled:
+    """When a run is looked at.
+
+    `wanted`: samples that are compared, and those between them.
+    `time`, shape (k,): where these begin and end, those of a steady part ahead among them [s].
+    `begin`, `end`, shape (wanted,): where the mean of each begins and ends among the times.
+    `first`: where the first of them begins [s].
+    """
+
+    wanted: slice
+    time: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    first: float
+
+
+@dataclass(frozen=True)
 class Plan:
     """What a simulation of a run in time takes.
 
@@ -177,9 +194,22 @@ class Pulses:
         return out
 
 
+def sampled(run: RunInTime) -> Sampled:
+    """When a run is looked at: a start from rest from where it is compared, another from a steady part ahead on."""
+    compared = np.flatnonzero(run.used)
+    wanted = slice(int(compared[0]), int(compared[-1]) + 1) if compared.size else slice(0, 1)
+    begins, ends = run.begin[wanted], run.time[wanted]
+    first = float(begins.min())
+    ahead = np.zeros(0) if run.from_rest else np.arange(run.valve[0].start_s, first - 0.5 * LEAD_STEP_S, LEAD_STEP_S)
+    begins, ends = np.round(begins, NANOSECONDS), np.round(ends, NANOSECONDS)  # what begins where another ends
+    time = np.unique(np.concatenate([ahead, begins, ends]))
+    return Sampled(wanted, time, np.searchsorted(time, begins), np.searchsorted(time, ends), first)
+
+
 def plan(
     motor: Motor,
     run: RunInTime,
+    at: Sampled,
     parameters: np.ndarray,
     line: np.ndarray,
     angle: float,
@@ -190,6 +220,7 @@ def plan(
     """Plan a run.
 
     `motor`: for its readings of the article and its state at rest.
+    `at`: when the run is looked at.
     `parameters`, shape (26,): of the motor [SI].
     `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
     `angle`: of the shaft where the run begins to be compared, or when its valve is moved [rad].
@@ -198,27 +229,20 @@ def plan(
     A start from rest begins where it is compared from, with the speed that the mean torque has given it by then.
     """
     readings = motor.readings.vector()
-    compared = np.flatnonzero(run.used)
-    wanted = slice(int(compared[0]), int(compared[-1]) + 1) if compared.size else slice(0, 1)
-    begins, ends = run.begin[wanted], run.time[wanted]
-    first = float(begins.min())
     if run.from_rest:
-        set_at, ahead = first, np.zeros(0)
-        speed = _reached(parameters, readings, line, first, chosen, run.start_s) * max(1.0 + begun, 0.0)
+        set_at = at.first
+        speed = _reached(parameters, readings, line, set_at, chosen, run.start_s) * max(1.0 + begun, 0.0)
         start = rest_state(motor, angle)
     else:
         speed = max(_steady_speed(motor, parameters, readings, float(line[0, 1]), chosen, run.start_s), SLOWEST_START)
         # The angle meant is that at the end of the steady part: it would otherwise turn with every parameter.
-        set_at = run.valve[1].start_s if len(run.valve) > 1 else first
+        set_at = run.valve[1].start_s if len(run.valve) > 1 else at.first
         turned = angle - speed * (set_at - float(line[0, 0]))
         # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
         start = rest_state(motor, turned if follows_angle(chosen) else turned % pulse_angle(parameters))
-        ahead = np.arange(float(line[0, 0]), first - 0.5 * LEAD_STEP_S, LEAD_STEP_S)
     start[OMEGA] = speed
-    begins, ends = np.round(begins, NANOSECONDS), np.round(ends, NANOSECONDS)  # what begins where another ends
-    time = np.unique(np.concatenate([ahead, begins, ends]))
-    places = np.searchsorted(time, begins), np.searchsorted(time, ends)
-    return Plan(parameters, readings, line, time, start, chosen, run.start_s, wanted, *places, lag_s, angle, set_at)
+    of_samples = at.wanted, at.begin, at.end
+    return Plan(parameters, readings, line, at.time, start, chosen, run.start_s, *of_samples, lag_s, angle, set_at)
 
 
 def _reached(

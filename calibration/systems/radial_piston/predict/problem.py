@@ -109,6 +109,7 @@ class Problem(compared.Problem):
         line = np.nan_to_num(standing.pressure + np.where(standing.is_gauge, P_a, 0.0), nan=P_a)
         gas = [base_steady.gas_table(self.motor, P)[0, at.GAS_R] for P in np.clip(line, 5e4, 8e5)]
         self._standing_gas = np.array(gas)
+        self._sampled = [in_time.sampled(run) for run in self.blocks.runs]
         self.pulses: dict[str, in_time.Pulses] = {}  # of each run, on its course by the mean torque
         self.times_seen = 0  # `pulses` were taken anew
         self._lag_s = (recording.channels["speed_rpm"].lag_s or 0.0) if "speed_rpm" in recording.channels else 0.0
@@ -260,7 +261,9 @@ class Problem(compared.Problem):
             turn_on = effects()[name].turned
             if turn_on is not None:
                 turned[name] = dict(turn_on(chosen[name], own[TURN]))
-        return in_time.plan(self.motor, run, parameters, line, 0.0, turned, own.get(BEGUN, 0.0), self._lag_s)
+        return in_time.plan(
+            self.motor, run, self._sampled[i], parameters, line, 0.0, turned, own.get(BEGUN, 0.0), self._lag_s
+        )
 
     def _read_speed(self, i: int, split: Split, chosen: Chosen, smooth: bool) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]

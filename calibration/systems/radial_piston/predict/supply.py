@@ -16,6 +16,7 @@ import numpy as np
 
 from calibration.data.runs import RunInTime
 from calibration.unknowns.priors import Unknown, unknown_of_run
+from configs.compiled import njit
 from model.solvers.transient import Supply
 from rig.recording import SupplyFigures
 
@@ -26,7 +27,7 @@ LEAST_S = 1e-3  # what is stated to be quicker, a step among them, is taken to n
 UNSTATED, UNSTATED_VALVE, STATED = 5.0, 3.0, 2.0  # factors by which they may be off
 FORMS = (0.4, 1.0, 2.5, 6.0)  # where the free deviations have their middles, in sums of the time constants
 FORM_SD = {"opening": 0.04, "venting": 0.02}  # of each, in shares of the step; an emptying has no regulator in it
-LOG_WIDTH = math.log(2.5)
+MIDDLES, LOG_WIDTH = np.log(FORMS), math.log(2.5)
 BEND, BEND_SD = 0.3, 0.3  # of what empties a line: a root, 0.5, and a straight line, 0, lie within it
 STRAIGHT, EMPTY = 1e-9, 1e-12  # a bend that is as good as none; what is left of a line, to the power of its bend
 FLOOR_PA = 1000.0  # by which a line that is being vented stays above the ambient while the motor turns
@@ -152,31 +153,49 @@ class Course:
 
     def _answer(self, time: np.ndarray, way: str) -> np.ndarray:
         """How far the line has come a time after the valve is said to be moved [-]."""
-        after = np.asarray(time) - self.own[f"{way}_late"]
+        after = np.asarray(time, dtype=np.float64) - self.own[f"{way}_late"]
         slow, fast = self.own[f"{way}_time"], self.own[f"{way}_valve"]
-        begun = np.maximum(after, 0.0)
+        begun, found = np.maximum(after, 0.0).ravel(), np.zeros(after.size)
         if way == VENTING:
-            found = 1.0 - self._left(begun)
-        elif abs(slow - fast) < ALIKE * slow:  # the limit, to second order the same
-            mean = begun / (0.5 * (slow + fast))
-            found = 1.0 - (1.0 + mean) * np.exp(-mean)
+            _empty(begun, slow, fast, self.own["venting_bend"], found)
         else:
-            found = 1.0 - (slow * np.exp(-begun / slow) - fast * np.exp(-begun / fast)) / (slow - fast)
-        place = np.log(np.maximum(begun / (slow + fast), 1e-6))
-        for k, middle in enumerate(FORMS):
-            hat = np.maximum(0.0, 1.0 - np.abs(place - math.log(middle)) / LOG_WIDTH)
-            found = found + self.own[f"{way}_form_{k}"] * hat
-        answer: np.ndarray = np.where(after > 0.0, found, 0.0)
+            _fill(begun, slow, fast, found)
+        forms = np.array([self.own[f"{way}_form_{k}"] for k in range(len(FORMS))])
+        _add_forms(begun / (slow + fast), forms, found)
+        answer: np.ndarray = np.where(after > 0.0, found.reshape(after.shape), 0.0)
         return answer
 
-    def _left(self, begun: np.ndarray) -> np.ndarray:
-        """What is left in a line that empties through a valve which opens evenly, by dx/dt = -open x^(1 - bend) / time.
 
-        A bend of 0.5 is a flow that goes with the root of the overpressure, as through an orifice; one of 0 goes with
-        it, as through a motor. The valve is open after twice its time constant, which delays as much as its lag would.
-        """
-        slow, opens, bend = self.own["venting_time"], 2.0 * self.own["venting_valve"], self.own["venting_bend"]
-        passed = np.where(begun < opens, begun * begun / (2.0 * opens), begun - 0.5 * opens) / slow
-        bend = bend if abs(bend) > STRAIGHT else STRAIGHT
-        left: np.ndarray = np.exp(np.log1p(np.maximum(-bend * passed, EMPTY - 1.0)) / bend)
-        return left
+@njit(cache=True, nogil=True)
+def _fill(begun: np.ndarray, slow: float, fast: float, out: np.ndarray) -> None:
+    """How far a line has come that fills through two first-order lags in a row [-]."""
+    for i in range(begun.size):
+        if abs(slow - fast) < ALIKE * slow:  # the limit, to second order the same
+            mean = begun[i] / (0.5 * (slow + fast))
+            out[i] = 1.0 - (1.0 + mean) * np.exp(-mean)
+        else:
+            out[i] = 1.0 - (slow * np.exp(-begun[i] / slow) - fast * np.exp(-begun[i] / fast)) / (slow - fast)
+
+
+@njit(cache=True, nogil=True)
+def _empty(begun: np.ndarray, slow: float, fast: float, bend: float, out: np.ndarray) -> None:
+    """How far a line has emptied through a valve which opens evenly [-], by dx/dt = -open x^(1 - bend) / time.
+
+    A bend of 0.5 is a flow that goes with the root of the overpressure, as through an orifice; one of 0 goes with it,
+    as through a motor. The valve is open after twice its time constant, which delays as much as its lag would.
+    """
+    opens = 2.0 * fast
+    if abs(bend) <= STRAIGHT:
+        bend = STRAIGHT
+    for i in range(begun.size):
+        passed = begun[i] - 0.5 * opens if begun[i] >= opens else begun[i] * begun[i] / (2.0 * opens)
+        out[i] = 1.0 - np.exp(np.log1p(max(-bend * (passed / slow), EMPTY - 1.0)) / bend)
+
+
+@njit(cache=True, nogil=True)
+def _add_forms(begun: np.ndarray, forms: np.ndarray, out: np.ndarray) -> None:
+    """Add the free deviations: hats over the logarithm of the time in sums of the time constants [-]."""
+    for i in range(begun.size):
+        place = np.log(max(begun[i], 1e-6))
+        for k in range(forms.size):
+            out[i] += forms[k] * max(0.0, 1.0 - abs(place - MIDDLES[k]) / LOG_WIDTH)
