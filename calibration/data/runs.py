@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,6 +31,8 @@ MOST_READINGS = 60  # of the gauge while the line moves; more are taken together
 READ_LATE_S = 0.003  # by which the moment of a gauge's reading is off at least; see `scatter`
 NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
 FORM = 0.02  # of what the line moves from reading to reading: no form of its course is exact
+SETTLED_SHARE = 0.2  # of a run, at its end, in which a spin-up has its settled speed
+SHARES = 24  # of the settled speed
 REST_RAD_S = 0.5  # below this at the start, the rotor is taken to be at rest
 
 
@@ -104,6 +107,14 @@ class RunInTime:
         if not self.from_rest or not at_rest.size or not opened < first < math.inf:
             return 0.0
         return max(float(at_rest[-1]) - opened, 0.0) / (first - opened)
+
+    @cached_property
+    def turning(self) -> np.ndarray:
+        """When the rotor first comes to even shares of its settled speed [s], shape (SHARES,)."""
+        late = self.time > self.time[-1] - SETTLED_SHARE * (self.time[-1] - self.begin[0])
+        share = np.maximum.accumulate(self.speed) / max(float(np.median(self.speed[late])), REST_RAD_S)
+        middle = 0.5 * (self.begin + self.time)
+        return np.interp((np.arange(SHARES) + 0.5) / SHARES, share, middle, left=self.begin[0], right=math.inf)
 
     @property
     def over(self) -> float:

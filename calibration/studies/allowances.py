@@ -37,6 +37,8 @@ OF_A_LINE = {  # by what the name of a run's own unknown holds
     "_time": ("filling", "how fast the line fills and empties"),
     "_valve": ("valve", "how fast the valve opens"),
     "_bend": ("bend", "what empties the line, an orifice or the motor"),
+    "_lead": ("lead", "what passes ahead of the slower lag while a line fills"),
+    "_droop": ("droop", "what a regulator gives less while the motor takes air"),
     "_form": ("form", "free deviations from that course"),
     "wander": ("wander", "how an open line goes up and down"),
     "begun": ("begun", "the speed from which a spin-up is compared"),

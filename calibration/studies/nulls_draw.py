@@ -24,6 +24,7 @@ from model.effects.effect import unknown_state
 from model.effects.laws import Chosen, readings_of
 from model.effects.transient import simulate
 from model.geometry import pulse_angle
+from model.layout import RPM
 from model.solvers.crank_angle import THETA
 from model.solvers.transient import rest_state
 from rig.recording import Ambient, Channel, Column, Recording, RecordingFile
@@ -70,10 +71,13 @@ def null_recording(
             z[i] = unknown.z(0.0)
         else:  # a line as one bench has it: the priors are for all
             z[i] *= next((share for end, share in OF_A_BENCH.items() if unknown.of.what.endswith(end)), 1.0)
+    chosen = {name: dict(values) for name, values in (concealed or {}).items()}
+    if with_runs:  # a regulator's droop follows the air that the motor takes
+        nominal = _with_speeds(nominal, [_speeds(problem, i, z, chosen, np.random.default_rng(0)) for i in range(2)])
+        problem = Problem(nominal)
     factor = dict.fromkeys(CHANNELS, 1.0)
     if noise == "misdeclared":
         factor = {channel: math.exp(MISDECLARED * rng.standard_normal()) for channel in CHANNELS}
-    chosen = {name: dict(values) for name, values in (concealed or {}).items()}
     exact = problem.predict(z, chosen)
     exact = replace(
         exact, runs=tuple(_speeds(problem, i, z, chosen, rng) for i in range(len(RUNS) if with_runs else 0))
@@ -84,6 +88,20 @@ def null_recording(
     truth = {unknown.name: float(unknown.value(z[i])) for i, unknown in enumerate(problem.nuisances)}
     truth |= {f"{channel}_noise_factor": factor[channel] for channel in CHANNELS}
     return replace(nominal, files=files, sha256="simulated"), truth
+
+
+def _with_speeds(recording: Recording, speeds: list[np.ndarray]) -> Recording:
+    """A recording with other speeds in its runs in time [rad/s], one array a run."""
+    of_run = dict(zip(RUNS, speeds, strict=True))
+    return replace(
+        recording,
+        files=tuple(
+            replace(file, columns={**file.columns, "speed_rpm": _column(np.maximum(of_run[file.file], 0.0) * RPM)})
+            if file.file in of_run
+            else file
+            for file in recording.files
+        ),
+    )
 
 
 def template(noise: str, with_runs: bool) -> Recording:

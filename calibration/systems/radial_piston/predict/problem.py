@@ -239,7 +239,7 @@ class Problem(compared.Problem):
         own, nothing = split[2][run.file], np.zeros(1)
         bottom = self._vented(Vented((run.file,), nothing, nothing, np.array([run.is_gauge])), split, chosen)[0]
         bottom += own.get("floor", 0.0)
-        share = Course(run.valve, own, run.over).share(time - own["gauge_late"])
+        share = Course(run.valve, own, run.over, run.turning).share(time - own["gauge_late"])
         return bottom + (self._settled(run, own) - bottom) * share
 
     def _settled(self, run: RunInTime, own: Mapping[str, float]) -> float:
@@ -255,7 +255,7 @@ class Problem(compared.Problem):
         settled = float(gauge.true_pressure(reading, run.is_gauge, P_a, errors["pressure"], chosen)[0])
         shut = P_a + parameters[at.DP_IN] + parameters[at.DP_OUT]
         vented = P_a + own.get("floor", 0.0)
-        line = Course(run.valve, own, run.over).staircase(max(settled, vented), vented, shut)
+        line = Course(run.valve, own, run.over, run.turning).staircase(max(settled, vented), vented, shut)
         turned = dict(chosen)
         for name in chosen:
             turn_on = effects()[name].turned

@@ -1,9 +1,11 @@
 """The line between valve and motor in a run in time: what its pressure does, from a few unknowns with priors.
 
-A line that fills is two first-order lags in a row: a regulator or a volume, and a valve. One that empties does so
-through a valve that opens evenly, and through the motor. Both begin some time after the valve is said to move. What no
-such form has right (a regulator that overshoots, an orifice that chokes) is left to a few free deviations. A step is
-the special case. Shares count from the vented line (0) to the settled one (1).
+A line that fills is two first-order lags in a row: a regulator or a volume, and a valve. A share of the step may pass
+ahead of the slower one, where the regulator was filled before the valve. A regulator gives less pressure the more air
+is taken from it, so a line stands higher until the motor turns. A line that empties does so through a valve that opens
+evenly, and through the motor. Both begin some time after the valve is said to move. What no such form has right (an
+orifice that chokes) is left to a few free deviations. A step is the special case. Shares count from the vented line (0)
+to the settled one (1).
 """
 
 from __future__ import annotations
@@ -26,11 +28,13 @@ REGULATOR_S, EMPTYING_S, VALVE_S = 0.05, 0.03, 0.01  # time constants where noth
 LEAST_S = 1e-3  # what is stated to be quicker, a step among them, is taken to need so long
 UNSTATED, UNSTATED_VALVE, STATED = 5.0, 3.0, 2.0  # factors by which they may be off
 FORMS = (0.4, 1.0, 2.5, 6.0)  # where the free deviations have their middles, in sums of the time constants
-FORM_SD = {"opening": 0.04, "venting": 0.02}  # of each, in shares of the step; an emptying has no regulator in it
+FORM_SD = 0.02  # of each, in shares of the step
 MIDDLES, LOG_WIDTH = np.log(FORMS), math.log(2.5)
 BEND, BEND_SD = 0.3, 0.3  # of what empties a line: a root, 0.5, and a straight line, 0, lie within it
 STRAIGHT, EMPTY = 1e-9, 1e-12  # a bend that is as good as none; what is left of a line, to the power of its bend
 FLOOR_PA = 1000.0  # by which a line that is being vented stays above the ambient while the motor turns
+DROOP, DROOP_FACTOR = 0.03, 3.0  # by which a line stands higher while the motor takes no air, in shares of the step
+LEAD_SD = 0.25  # share of the step that passes ahead of the slower lag
 WANDERS, WANDER_SD = 8, 0.002  # pieces in which an open line goes up and down, and by how much, in shares of the step
 STEADY_STEP_S = 0.02  # of the staircase, once the line has settled
 MOST_SHARE = 1.5
@@ -65,10 +69,12 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
             unknown_of_run(run.file, f"{way}_valve", "s", "lognormal", *valve, "a valve's time"),
         ]
         for k in range(len(FORMS)):
-            found.append(
-                unknown_of_run(run.file, f"{way}_form_{k}", "-", "normal", 0.0, FORM_SD[way], "no line is exact")
-            )
+            found.append(unknown_of_run(run.file, f"{way}_form_{k}", "-", "normal", 0.0, FORM_SD, "no line is exact"))
     if OPENING in ways_of(run):
+        found += [
+            unknown_of_run(run.file, "opening_lead", "-", "normal", 0.0, LEAD_SD, "a regulator that was filled before"),
+            unknown_of_run(run.file, "opening_droop", "-", "lognormal", DROOP, DROOP_FACTOR, "a regulator's droop"),
+        ]
         for k in range(WANDERS):
             found.append(
                 unknown_of_run(run.file, f"wander_{k}", "-", "normal", 0.0, WANDER_SD, "no regulator stands still")
@@ -82,8 +88,9 @@ def line_unknowns(run: RunInTime, stated: SupplyFigures) -> list[Unknown]:
 
 def own_of_line(file: str) -> list[str]:
     """Names of the unknowns that say how a run's line goes, without the small deviations."""
-    ways = (f"{file}.{way}_{what}" for way in (OPENING, VENTING) for what in ("late", "time", "valve"))
-    return [f"{file}.supply", *ways, f"{file}.venting_bend", f"{file}.floor", f"{file}.begun"]
+    ways = [f"{way}_{what}" for way in (OPENING, VENTING) for what in ("late", "time", "valve")]
+    names = ["supply", *ways, "opening_lead", "opening_droop", "venting_bend", "floor", "begun"]
+    return [f"{file}.{name}" for name in names]
 
 
 def _constant(stated: float | None, sd: float | None, otherwise: float, factor: float) -> tuple[float, float]:
@@ -100,11 +107,13 @@ class Course:
 
     `own`: the run's own unknowns, by the ends of their names.
     `over`: when the last sample that is compared ends [s].
+    `turning`, shape (n,): when the rotor comes to even shares of its settled speed, and takes as much more air [s].
     """
 
     valve: tuple[Supply, ...]
     own: Mapping[str, float]
     over: float
+    turning: np.ndarray
 
     def share(self, time: np.ndarray) -> np.ndarray:
         """Share of the settled pressure above the vented one [-], same shape as ``time``.
@@ -114,9 +123,10 @@ class Course:
         found = np.full(np.shape(time), 1.0 if self.valve[0].is_open else 0.0)
         for span in self.valve[1:]:
             step = self._answer(time - span.start_s, OPENING if span.is_open else VENTING)
-            found = found + step if span.is_open else found - step
             if span.is_open:
-                found = found + self._wander(time, span.start_s)
+                found = found + step + self._droop(time, span.start_s) + self._wander(time, span.start_s)
+            else:
+                found = found - step
         clipped: np.ndarray = np.clip(found, 0.0, MOST_SHARE)
         return clipped
 
@@ -143,6 +153,17 @@ class Course:
         kept = is_open | np.append(True, is_open[:-1])  # while it stays shut, one span will do
         return np.column_stack([begin, np.where(is_open, pressure, vented_pa), is_open])[kept]
 
+    def _droop(self, time: np.ndarray, opened: float) -> np.ndarray:
+        """How much higher an open line stands for the air that the motor does not take yet [-]."""
+        after = np.asarray(time, dtype=np.float64) - opened - self.own["opening_late"]
+        turning, found = self.turning - opened - self.own["opening_late"], np.zeros(after.size)
+        _spare(after.ravel(), np.maximum(turning, 0.0), *self._lags(), found)
+        return self.own["opening_droop"] * found.reshape(after.shape)
+
+    def _lags(self) -> tuple[float, float, float]:
+        """Time constants of a line that fills [s], and the share that passes ahead of the slower one [-]."""
+        return self.own["opening_time"], self.own["opening_valve"], self.own["opening_lead"]
+
     def _wander(self, time: np.ndarray, opened: float) -> np.ndarray:
         """How far an open line is above where it should be [-]."""
         width = max(self.over - opened, 1e-3) / WANDERS
@@ -159,7 +180,7 @@ class Course:
         if way == VENTING:
             _empty(begun, slow, fast, self.own["venting_bend"], found)
         else:
-            _fill(begun, slow, fast, found)
+            _fill(begun, *self._lags(), found)
         forms = np.array([self.own[f"{way}_form_{k}"] for k in range(len(FORMS))])
         _add_forms(begun / (slow + fast), forms, found)
         answer: np.ndarray = np.where(after > 0.0, found.reshape(after.shape), 0.0)
@@ -167,14 +188,31 @@ class Course:
 
 
 @njit(cache=True, nogil=True)
-def _fill(begun: np.ndarray, slow: float, fast: float, out: np.ndarray) -> None:
-    """How far a line has come that fills through two first-order lags in a row [-]."""
+def _filled(begun: float, slow: float, fast: float, lead: float) -> float:
+    """Step response of two first-order lags in a row, of which a share passes ahead of the slower one [-]."""
+    if begun <= 0.0:
+        return 0.0
+    if abs(slow - fast) < ALIKE * slow:  # the limit, to second order the same
+        mean = begun / (0.5 * (slow + fast))
+        return 1.0 - (1.0 + (1.0 - lead) * mean) * np.exp(-mean)
+    held, passed = (1.0 - lead) * slow, fast - lead * slow
+    return 1.0 - (held * np.exp(-begun / slow) - passed * np.exp(-begun / fast)) / (slow - fast)
+
+
+@njit(cache=True, nogil=True)
+def _fill(begun: np.ndarray, slow: float, fast: float, lead: float, out: np.ndarray) -> None:
     for i in range(begun.size):
-        if abs(slow - fast) < ALIKE * slow:  # the limit, to second order the same
-            mean = begun[i] / (0.5 * (slow + fast))
-            out[i] = 1.0 - (1.0 + mean) * np.exp(-mean)
-        else:
-            out[i] = 1.0 - (slow * np.exp(-begun[i] / slow) - fast * np.exp(-begun[i] / fast)) / (slow - fast)
+        out[i] = _filled(begun[i], slow, fast, lead)
+
+
+@njit(cache=True, nogil=True)
+def _spare(begun: np.ndarray, taken: np.ndarray, slow: float, fast: float, lead: float, out: np.ndarray) -> None:
+    """What a line has of air that is not taken, of which an even part is from each of some times on [-]."""
+    for i in range(begun.size):
+        gone = 0.0
+        for k in range(taken.size):
+            gone += _filled(begun[i] - taken[k], slow, fast, lead)
+        out[i] = _filled(begun[i], slow, fast, lead) - gone / taken.size
 
 
 @njit(cache=True, nogil=True)
