@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from spinbench import published
 
 MOST_PARENTS = 100
+# Rows that read the same in two recordings show a copy; of two dates, where coarse dials may read alike, more of them.
+FEWEST_ROWS, FEWEST_ROWS_OF_TWO_DATES = 2, 5
 
 if TYPE_CHECKING:
     from rig.recording import Recording
@@ -217,30 +219,34 @@ def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) ->
     from calibration.data.together import refuse_unlike
     from rig.recording import RecordingError
 
-    def is_same(one: Recording, other: Recording) -> bool:
-        if one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256):
-            return True
-        dates = {recording.origin.get("date", "") for recording in (one, other)} - {""}
-        return len(dates) < 2 and bool(_read_in(one) & _read_in(other))  # of two dates they are said to be two
-
     for i, one in enumerate(parts):
-        if unseen is not None and is_same(one, unseen):
+        if unseen is not None and _is_same(one, unseen):
             also = "" if one.folder == unseen.folder else f", as {one.folder}"
             raise RecordingError(
                 f"{unseen.folder} is to be held out and diagnosed{also}: name a run that is not among the others"
             )
         for other in parts[:i]:
-            if is_same(one, other):
+            if _is_same(one, other):
                 these = one.folder if one.folder == other.folder else f"{one.folder}, which is {other.folder} or a copy"
+                dates = " and ".join(sorted({part.origin.get("date", "") for part in (one, other)} - {""}))
+                also = f" under two dates ({dates})" * (" and " in dates)
                 raise RecordingError(
-                    f"a recording is given twice: {these}; its readings would count twice, so name it once"
+                    f"a recording is given twice{also}: {these}; its readings would count twice, so name it once"
                 )
     if unseen is not None:
         refuse_unlike([*parts, unseen])
 
 
-def _read_in(recording: Recording) -> set[tuple[tuple[str, bytes], ...]]:
-    """What was read in each file of more than one row, by channel: the same in a run and in what it was exported to.
+def _is_same(one: Recording, other: Recording) -> bool:
+    if one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256):
+        return True
+    dates = {recording.origin.get("date", "") for recording in (one, other)} - {""}
+    fewest = FEWEST_ROWS if len(dates) < 2 else FEWEST_ROWS_OF_TWO_DATES
+    return bool(_read_in(one, fewest) & _read_in(other, fewest))
+
+
+def _read_in(recording: Recording, fewest: int) -> set[tuple[tuple[str, bytes], ...]]:
+    """What was read in each file of so many rows, by channel: the same in a run and in what it was exported to.
 
     A zero has few readings, which another zero may have too; whatever copies one copies more.
     """
@@ -249,7 +255,7 @@ def _read_in(recording: Recording) -> set[tuple[tuple[str, bytes], ...]]:
             (name, file.columns[name].values.tobytes()) for name in sorted(recording.channels) if name in file.columns
         )
         for file in recording.files
-        if file.kind != "zero" and file.rows > 1
+        if file.kind != "zero" and file.rows >= fewest
     } - {()}
 
 

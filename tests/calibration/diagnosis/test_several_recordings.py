@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -248,6 +249,7 @@ BAD = {
     "two_motors_of_a_kind": "of the motor ptm3600 no. B2, not of the motor ptm3600 no. A1",
     "the_same_twice": "given twice",
     "the_same_in_other_bytes": "given twice",
+    "the_same_under_two_dates": "given twice under two dates (2026-05-01 and 2026-05-02): ",
 }
 
 
@@ -268,6 +270,11 @@ def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, spinbench_
         place.write_text(
             text.replace('kind = "steady"', 'kind = "steady", added_inertia_kg_m2 = -0.01'), encoding="utf-8"
         )
+    if name == "the_same_under_two_dates":
+        shutil.copy(one / "sweep.csv", other / "sweep.csv")
+        for day, folder in enumerate((one, other), start=1):
+            with (folder / "recording.toml").open("a", encoding="utf-8") as file:
+                file.write(f'date = "2026-05-{day:02d}"\n')
     if name == "the_same_in_other_bytes":
         (other / "sweep.csv").unlink()
         lines = (one / "sweep.csv").read_text(encoding="utf-8").splitlines()
