@@ -149,7 +149,7 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
         table = read_table(path, mapping.file.table, entry.sheet, entry.group, [*wanted, *only])
         _refuse_gaps(mapping, entry, table)
         part = convert(mapping.file, entry, table)
-        part.notes += _other_units(mapping, table) + [table.doubt] * bool(table.doubt)
+        part.notes += _other_units(mapping, table) + list(table.remarks)
         part.notes += [f"{table.place}: {table.clocks}; on one time line, with empty cells between"] * bool(
             table.clocks
         )

@@ -79,7 +79,7 @@ class ColumnTable(Strict):
 class TableTable(Strict):
     """[table]: how the files are read."""
 
-    reader: Literal["csv", "tdms", "mat", "xlsx", "hdf5", "mdf"]
+    reader: Literal["csv", "tdms", "mat", "xlsx", "hdf5", "mdf", "parquet"]
     delimiter: Literal[",", ";", "\t", "|", " "] | None = None
     decimal: Literal[".", ","] | None = None
     encoding: Literal["utf-8", "latin-1", "utf-16", "cp1252"] = "utf-8"

@@ -32,7 +32,7 @@ class Table:
     `short`: the line with the fewest cells, and their number; None where each row has all.
     `clocks`: what there was where columns of several clocks stand on one time line, with empty cells between.
     `units`: by heading, as the file states them.
-    `doubt`: of text, what a person should look at; empty where there is nothing.
+    `remarks`: what a person should look at.
     `hint`: of text, what its delimiter seems to be where that is another than was said; begins with "; ".
     """
 
@@ -44,7 +44,7 @@ class Table:
     clocks: str = ""
     units: dict[str, str] = field(default_factory=dict)
     hint: str = ""
-    doubt: str = ""
+    remarks: Sequence[str] = ()
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
@@ -89,7 +89,10 @@ def read_table(
         return _xlsx(path, table, sheet or table.sheet)
     found = read_apart(table.reader, path, group or table.group, wanted)
     lines = range(1, len(found.columns[0]) + 1)
-    return Table(found.place, found.headings, found.columns, lines, clocks=found.clocks, units=found.units)
+    return Table(
+        found.place, found.headings, found.columns, lines,
+        clocks=found.clocks, units=found.units, remarks=found.remarks,
+    )  # fmt: skip
 
 
 def _csv(path: Path, table: TableTable) -> Table:
@@ -104,7 +107,7 @@ def _csv(path: Path, table: TableTable) -> Table:
         rows = _records(path, lines, table.first_line, table)
     hint = _other_delimiter(lines[max(begin, 1) - 1 :][:1], table)
     found = _of_rows(str(path), headings, list(rows), table.first_line or begin + 1, table, hint)
-    return found if text[-1:] in ("\r", "\n") else replace(found, doubt=_cut_off(found, table.decimal or "."))
+    return found if text[-1:] in ("\r", "\n") else replace(found, remarks=_cut_off(found, table.decimal or "."))
 
 
 def lines_of(text: str) -> list[str]:
@@ -112,14 +115,14 @@ def lines_of(text: str) -> list[str]:
     return _LINE_END.split(text)
 
 
-def _cut_off(found: Table, decimal: str) -> str:
+def _cut_off(found: Table, decimal: str) -> list[str]:
     """What shows that a last line without an end stops amid a number: fewer decimals than in any other; or nothing."""
     at = max((at for at, cells in enumerate(found.columns) if cells[-1]), default=0)
     *others, last = (len(str(cell).partition(decimal)[2]) for cell in found.columns[at] if cell)
     if not others or last >= min(others):
-        return ""
+        return []
     cell = shown(str(found.columns[at][-1]))
-    return f"{found.place}, line {found.lines[-1]}: '{cell}' ends the file without a line's end; is it cut off?"
+    return [f"{found.place}, line {found.lines[-1]}: '{cell}' ends the file without a line's end; is it cut off?"]
 
 
 def _other_delimiter(first: list[str], table: TableTable) -> str:

@@ -14,7 +14,7 @@ from spinbench.cli.show import on_terminal, remark
 from spinbench.readings import run_named
 
 OUT_HELP = "A folder to make, or a file that ends in .parquet, .h5, .hdf5, .nxs, .tdms or .mf4."
-FILES_HELP = "CSV, Excel, TDMS, MATLAB, HDF5 or MDF files."
+FILES_HELP = "CSV, Excel, TDMS, MATLAB, HDF5, MDF or Parquet files."
 
 
 def list_all(logs: LogsOption = LOGS) -> None:

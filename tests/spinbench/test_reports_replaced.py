@@ -17,10 +17,10 @@ OLD = {"recordings": [{"folder": "../march", "recording": "march"}]}
 @pytest.fixture
 def bench(tmp_path):
     """Two recordings, and reports of another one where theirs are to be written."""
-    for name, date, flow in (("may", "2026-05-01", "394.8"), ("june", "2026-06-01", "394.9")):
+    for name, date, rpm in (("may", "2026-05-01", "394.8"), ("june", "2026-06-01", "394.9")):
         shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / name)
         table = tmp_path / name / "sweep.csv"
-        table.write_text(table.read_text(encoding="utf-8").replace("394.8", flow), encoding="utf-8")
+        table.write_text(table.read_text(encoding="utf-8").replace("394.8", rpm), encoding="utf-8")
         with (tmp_path / name / "recording.toml").open("a", encoding="utf-8") as file:
             file.write(f'\n[origin]\ndate = "{date}"\n')
     (tmp_path / "out").mkdir()

@@ -23,7 +23,8 @@ MOST_MEMORY = 8_000_000_000  # bytes
 GIVEN_UP_S = 1800.0
 MOST_CPU_S = 30  # of a small file: a damaged one can send its reader round in circles
 MOST_CPU_S_PER_MB = 2
-NEEDS = {"tdms": "nptdms", "mat": "scipy", "hdf5": "h5py", "mdf": "asammdf"}  # reader: the package that it needs
+# Reader: the package that it needs.
+NEEDS = {"tdms": "nptdms", "mat": "scipy", "hdf5": "h5py", "mdf": "asammdf", "parquet": "pyarrow"}
 # Package: its name where it is published, its extra, and what needs it.
 PACKAGES = {
     "nptdms": ("npTDMS", "formats", "a TDMS file"),

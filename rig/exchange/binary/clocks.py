@@ -40,12 +40,13 @@ class Clock:
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel's cells, its clock where it has one, and its unit as the file states it."""
+    """A channel's cells, its clock where it has one, its unit as the file states it, and what is to be told of it."""
 
     name: str
     cells: Cells
     clock: Clock | None = None
     unit: str = ""
+    remark: str = ""
 
 
 def on_one_time_line(place: str, channels: Sequence[Channel], wanted: Wanted) -> Columns:
@@ -54,7 +55,17 @@ def on_one_time_line(place: str, channels: Sequence[Channel], wanted: Wanted) ->
     Raises RunError when their clocks differ, and their times are not taken, or a channel cannot be placed on the time
     line: one that has no clock neither.
     """
-    return replace(_placed(place, channels, wanted), units={channel.name: channel.unit for channel in channels})
+    units = {channel.name: channel.unit for channel in channels}
+    found = _placed(place, channels, wanted)
+    remarks = [channel.remark for channel in channels if channel.remark]
+    remarks += [words for channel in channels if found.clocks and (words := _empty(place, channel))]
+    return replace(found, units=units, remarks=remarks)
+
+
+def _empty(place: str, channel: Channel) -> str:
+    """How many samples of a channel have no value, which nobody sees among the empty cells between the clocks."""
+    count = sum(cell != cell or cell == "" for cell in channel.cells)
+    return f"{place}, '{shown(channel.name)}': {count} of {len(channel.cells)} samples have no value" if count else ""
 
 
 def _placed(place: str, channels: Sequence[Channel], wanted: Wanted) -> Columns:
@@ -96,7 +107,7 @@ def _merged(place: str, channels: Sequence[Channel], said: str) -> Columns:
     line = np.unique(np.concatenate(moments))
     columns: list[Cells] = []
     for channel, ns in zip(channels, moments, strict=True):
-        values = np.full(line.size, np.nan)
+        values = np.full(line.size, "" if isinstance(next(iter(channel.cells), None), str) else np.nan, dtype=object)
         values[np.searchsorted(line, ns)] = channel.cells
         columns.append(values.tolist())
     headings = [*(channel.name for channel in channels), WAVEFORM_TIME]
@@ -107,8 +118,6 @@ def _moments(place: str, channel: Channel, said: str) -> tuple[int | None, NDArr
     """A channel's start, and its times from there [ns]."""
     at, clock = f"{place}, '{shown(channel.name)}'", channel.clock
     assert clock is not None  # noqa: S101 - the caller has seen to it
-    if any(isinstance(cell, str) for cell in channel.cells):
-        raise RunError(f"{at}: it holds text, which has no place between the samples of others: {said}")
     if len(channel.cells) != clock.time_s.size:
         raise RunError(f"{at}: {len(channel.cells)} values and {clock.time_s.size} times")
     if not (np.abs(clock.time_s) <= MOST_S).all():

@@ -24,7 +24,7 @@ class Columns:
     """Columns of one length.
 
     `clocks` says what there was where they come from several clocks; empty otherwise. `units`, by heading, are as the
-    file states them.
+    file states them. `remarks` are to be told to a person.
     """
 
     place: str
@@ -32,6 +32,7 @@ class Columns:
     columns: list[Cells]
     clocks: str = ""
     units: dict[str, str] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ from rig.exchange.binary.columns import (
     by_name,
     cells_of,
 )
+from rig.exchange.binary.marks import marked
+from rig.exchange.binary.missing import missing, written
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 
@@ -126,31 +128,34 @@ def _values(data: Any, field: str, place: str, count: int | None = None) -> NDAr
     if values.dtype.kind not in "biuf":
         return values
     known = values.astype(np.float64)
-    for key in ("_FillValue", "missing_value"):
-        if key in data.attrs:
-            fill = np.asarray(data.attrs[key])
-            fill = fill.astype(values.dtype) if values.dtype.kind == fill.dtype.kind == "f" else fill
-            known[np.isin(values, fill)] = np.nan
+    known[missing(data, field, values, place)] = np.nan
     try:
         scale, offset = (float(np.squeeze(data.attrs.get(key, plain))) for key, plain in _PACKED)
-        low, high = (float(end) for end in data.attrs.get("valid_range", (-np.inf, np.inf)))
-        low, high = (
-            float(np.squeeze(data.attrs.get(key, end))) for key, end in (("valid_min", low), ("valid_max", high))
-        )
     except (TypeError, ValueError):
-        raise RunError(f"{place}: scale_factor, add_offset or the valid range are not numbers") from None
-    known[(known < low) | (known > high)] = np.nan
+        raise RunError(f"{place}: scale_factor or add_offset is not a number") from None
     return known if (scale, offset) == (1.0, 0.0) else known * scale + offset
 
 
 def _channel(root: Any, name: str, path: Path, place: str, wanted: Wanted) -> Channel:
+    import h5py
+
     data, field = _dataset(root, name, path, place)
     at = f"{place}, '{shown(name)}'"
     cells: Cells = cells_of(_values(data, field, at), at)
+
+    def beside(key: str) -> Cells | None:
+        other = _at(data.parent, key, path) if data.name.endswith("/value") else None
+        found = isinstance(other, h5py.Dataset) and other.shape == data.shape
+        return cells_of(_values(other, "", at), at) if found else None
+
+    cells, marks = marked(cells, beside, at)
+    gaps = data.size - int(written(data).sum())
     clock = _clock_of(data, path)
     if clock is not None and WAVEFORM_TIME in wanted and _unit(clock)[0] is None:
         raise RunError(f"{at}: its clock '{shown(clock.name)}' says no unit of time; take it as a column")
-    return Channel(name, cells, _clock(clock, at) if clock is not None else None, _text(data.attrs.get("units", "")))
+    remark = f"{at}: {gaps} of {data.size} values were never written" if gaps else marks
+    when = _clock(clock, at) if clock is not None else None
+    return Channel(name, cells, when, _text(data.attrs.get("units", "")), remark)
 
 
 def _clock_of(data: Any, path: Path) -> Any:

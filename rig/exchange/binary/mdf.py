@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from rig.exchange.binary.clocks import Channel, Clock, on_one_time_line
-from rig.exchange.binary.columns import FEW, MAX_BYTES, MAX_ROWS, Columns, Listed, Wanted, by_name, cells_of
+from rig.exchange.binary.columns import FEW, MAX_BYTES, MAX_ROWS, Cells, Columns, Listed, Wanted, by_name, cells_of
+from rig.exchange.binary.marks import marked
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
@@ -92,10 +93,17 @@ def _signal(file: Any, path: Path, name: str, at: int, index: int, count: int | 
 
 def _channel(file: Any, path: Path, group: str, name: str, at: int, index: int) -> Channel:
     signal, cells = _signal(file, path, name, at, index, None)
+    channels = file.groups[at].channels
+
+    def beside(key: str) -> Cells | None:
+        found = next((other for other, one in enumerate(channels) if str(one.name) == f"{name}.{key}"), None)
+        return None if found is None else _signal(file, path, f"{name}.{key}", at, found, None)[1]
+
+    cells, remark = marked(cells, beside, f"{path}, '{shown(name)}'")
     if not _has_clock(file, at):
-        return Channel(name, cells, None, str(signal.unit))
+        return Channel(name, cells, None, str(signal.unit), remark)
     times = np.asarray(signal.timestamps, dtype=np.float64)
     spans = np.diff(times)
     said = f"in group '{shown(group)}', {times.size} samples from {times[0]:g} s" if times.size else "without samples"
     clock = Clock(0, times, said + (f" every {spans.mean():.6g} s" if spans.size else ""))
-    return Channel(name, cells, clock, str(signal.unit))
+    return Channel(name, cells, clock, str(signal.unit), remark)

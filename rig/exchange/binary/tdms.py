@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rig.exchange.binary.clocks import Channel, Clock, on_one_time_line
-from rig.exchange.binary.columns import FEW, MAX_BYTES, Columns, Listed, Wanted, by_name, cells_of
+from rig.exchange.binary.columns import FEW, MAX_BYTES, Cells, Columns, Listed, Wanted, by_name, cells_of
+from rig.exchange.binary.marks import marked
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
@@ -23,7 +24,7 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
         raise RunError(f"{path}: name the group of channels in [table]: group = one of {listed or 'none: it is empty'}")
     place = f"{path}, group '{shown(name)}'"
     taken = [channel for channel in groups[name] if not by_name(wanted) or channel.name in wanted]
-    return on_one_time_line(place, [_channel(channel, place) for channel in taken], wanted)
+    return on_one_time_line(place, [_channel(channel, groups[name], place) for channel in taken], wanted)
 
 
 def listed(path: Path) -> list[Listed]:
@@ -50,12 +51,17 @@ def _groups(path: Path) -> dict[str, list[Any]]:
             raise RunError(f"{path}: not a TDMS file that can be read ({shown(str(error), 100)})") from None
 
 
-def _channel(channel: Any, place: str) -> Channel:
+def _channel(channel: Any, group: Sequence[Any], place: str) -> Channel:
     at = f"{place}, '{shown(channel.name)}'"
-    cells = cells_of(np.asarray(channel[:]), at)
+
+    def beside(key: str) -> Cells | None:
+        found = next((one for one in group if one.name == key and channel.name == "value"), None)
+        return None if found is None else cells_of(np.asarray(found[:]), at)
+
+    cells, remark = marked(cells_of(np.asarray(channel[:]), at), beside, at)
     has_clock = "wf_increment" in channel.properties
     clock = _clock(channel.properties, len(cells), at) if has_clock else None
-    return Channel(channel.name, cells, clock, str(channel.properties.get("unit_string", "")))
+    return Channel(channel.name, cells, clock, str(channel.properties.get("unit_string", "")), remark)
 
 
 def _clock(properties: Mapping[str, Any], count: int, place: str) -> Clock:

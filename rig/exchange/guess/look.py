@@ -153,7 +153,7 @@ def _reader(path: Path) -> str:
         return "hdf5"
     if start.startswith(b"\xd0\xcf\x11\xe0"):
         raise RunError(f"{path}: a workbook of an old Excel (.xls); save it as .xlsx")
-    magic = {b"TDSm": "tdms", b"MDF ": "mdf", b"UnFi": "mdf", b"PK\x03\x04": "xlsx", b"MATL": "mat"}
+    magic = {b"TDSm": "tdms", b"MDF ": "mdf", b"UnFi": "mdf", b"PK\x03\x04": "xlsx", b"MATL": "mat", b"PAR1": "parquet"}
     return magic.get(start[:4], "csv")
 
 

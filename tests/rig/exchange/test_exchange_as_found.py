@@ -164,6 +164,42 @@ def test_what_an_hdf5_file_calls_no_value_is_missing_and_told(given, values, att
     assert "column 'n': no reading 1 times ('nan'), taken as missing" in said
 
 
+UNWRITTEN = {
+    "chunks": ({"chunks": (2,)}, {0: 400.0, 1: 390.0, 4: 370.0}, ["400.0", "390.0", "", "", "370.0", "0.0"]),
+    "a stated fill value": (
+        {"chunks": (4,), "fillvalue": -1.0}, {0: 400.0, 4: 390.0}, ["400.0", "", "", "", "390.0", ""]
+    ),
+    "a 0 that was written": ({"chunks": (6,)}, {0: 400.0, 5: 390.0}, ["400.0", "0.0", "0.0", "0.0", "0.0", "390.0"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNWRITTEN)
+def test_what_was_never_written_into_an_hdf5_file_is_missing(given, name):
+    options, written, cells = UNWRITTEN[name]
+
+    def write(path):
+        with h5py.File(path, "w") as file:
+            file["P"] = np.full(6, 2.0)
+            data = file.create_dataset("n", (6,), "f8", **options)
+            for at, value in written.items():
+                data[at] = value
+
+    code, said, made = given(write, reader="hdf5")
+    assert (code, [line.partition(",")[2] for line in made.splitlines()[1:]]) == (0, cells)
+    assert ("'n': 2 of 6 values were never written" in said) == (name == "chunks")
+
+
+@pytest.mark.parametrize("options", [{}, {"chunks": (2,)}])
+def test_an_hdf5_column_that_was_never_written_is_told(given, options):
+    def write(path):
+        with h5py.File(path, "w") as file:
+            file["P"] = np.full(6, 2.0)
+            file.create_dataset("n", (6,), "f8", **options)
+
+    code, said, _ = given(write, reader="hdf5")
+    assert (code, "'n': 6 of 6 values were never written" in said) == (2, True), said
+
+
 def test_a_sample_that_an_mdf_file_marks_as_invalid_is_told(given):
     def write(path):
         time, invalid = np.arange(3.0), np.array([False, True, False])

@@ -10,6 +10,8 @@ import h5py
 import hypothesis
 import hypothesis.strategies as st
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
@@ -64,6 +66,7 @@ def whole_files(tmp_path_factory):
     write_mdf(folder / "data.mf4")
     (folder / "data.mf4").rename(folder / "data.mdf")
     write_workbook(folder / "data.xlsx")
+    pq.write_table(pa.table({"P": np.arange(2.0, 7.0), "n": np.arange(2.0, 7.0)}), folder / "data.parquet")
     return {path.suffix[1:]: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -95,12 +98,12 @@ def damaged(draw, content):
     return bytes(found[: draw(st.integers(1, len(found)))] if draw(st.booleans()) else found)
 
 
-@pytest.mark.parametrize("reader", ["tdms", "mat", "hdf5", "mdf", "xlsx"])
+@pytest.mark.parametrize("reader", ["tdms", "mat", "hdf5", "mdf", "parquet", "xlsx"])
 def test_a_file_that_was_cut_off_is_refused(reader, whole_files, tmp_path):
     assert not read_or_refused(tmp_path, whole_files[reader][:-400], reader)
 
 
-PROCESSES = [pytest.param(reader, 20, marks=pytest.mark.long) for reader in ("tdms", "mat", "hdf5", "mdf")]
+PROCESSES = [pytest.param(reader, 20, marks=pytest.mark.long) for reader in ("tdms", "mat", "hdf5", "mdf", "parquet")]
 
 
 @pytest.mark.parametrize(("reader", "times"), [("xlsx", 40), *PROCESSES])

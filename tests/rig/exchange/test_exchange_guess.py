@@ -194,7 +194,7 @@ def test_channels_with_units_and_a_clock_are_proposed_as_they_are(tmp_path, name
     assert found == {"time_s": [0.0, 0.5], "pressure_bar_abs": [2.5, 1.5], "speed_rpm": [2.5, 1.5]}
 
 
-@pytest.mark.parametrize("ending", [".h5", ".mf4"])
+@pytest.mark.parametrize("ending", [".h5", ".mf4", ".parquet"])
 def test_an_exported_run_is_proposed_as_what_it_is(tmp_path, ending):
     run = read_run(write_sweep(tmp_path / "logs", captures=False))
     export_samples(run, tmp_path / f"run{ending}")

@@ -16,7 +16,7 @@ from rig.exchange.importing import import_recording
 from rig.exchange.mapping import read_mapping
 from rig.exchange.samples.channels import BESIDE
 from rig.exchange.samples.export import FORMATS, export_samples
-from rig.readings import NS, Quality
+from rig.readings import NS, USABLE, Quality
 from rig.recording import read_recording
 from rig.runlog import RunError, RunWriter, read_run
 from tests.synthetic_runs import FLOW, PRESSURE, SPEED, SWEEP, UTC_START_NS, Bench, poll, start_of
@@ -155,32 +155,52 @@ licence = "none"
 motor = "ptm3600"
 kind = "transient"
 [table]
-reader = "hdf5"
-group = "run"
-[columns.time_s]
-column = "@time"
-unit = "s"
-[columns.pressure_bar_abs]
-column = "gauge.pressure_bar_abs/value"
-unit = "bar abs"
-[columns.speed_rpm]
-column = "tach.speed_rpm/value"
-unit = "rpm"
+reader = "{reader}"
+{table}
 """
+COLUMN = '[columns.{name}]\ncolumn = "{column}"\nunit = "{unit}"\n'
+TAKEN = {PRESSURE: ("gauge", "bar abs"), SPEED: ("tach", "rpm"), FLOW: ("meter", "L/min")}
+READERS = {".h5": ("hdf5", 'group = "run"', "/value"), ".mf4": ("mdf", "", ""), ".parquet": ("parquet", "", "")}
 
 
-def test_what_was_exported_is_imported_with_each_channel_on_its_own_times(run, files, tmp_path):
-    (tmp_path / "map.toml").write_text(MAPPING)
-    made = import_recording([files[".h5"]], read_mapping(tmp_path / "map.toml"), tmp_path / "recording")
+@pytest.mark.parametrize("ending", READERS)
+def test_what_was_exported_is_imported_with_each_channel_on_its_own_times_and_with_its_marks(
+    run, files, tmp_path, ending
+):
+    reader, table, leaf = READERS[ending]
+    text = MAPPING.format(reader=reader, table=table) + COLUMN.format(name="time_s", column="@time", unit="s")
+    for name, (device, unit) in TAKEN.items():
+        text += COLUMN.format(name=name, column=f"{device}.{name}{leaf}", unit=unit)
+    (tmp_path / "map.toml").write_text(text)
+    told = []
+    made = import_recording([files[ending]], read_mapping(tmp_path / "map.toml"), tmp_path / "recording", told.append)
     (file,) = read_recording(made).files
-    for channel, column in ((f"gauge.{PRESSURE}", PRESSURE), (f"tach.{SPEED}", SPEED)):
-        device, name = channel.split(".")
-        samples = run.samples[(run.samples["device"] == device) & (run.samples["channel"] == name)].dropna(
-            subset="value"
-        )
-        known = ~np.isnan(file.columns[column].values)
-        np.testing.assert_allclose(file.columns[column].values[known], samples["value"])
+    for name, (device, _) in TAKEN.items():
+        samples = run.samples[(run.samples["device"] == device) & (run.samples["channel"] == name)]
+        samples = samples[samples["value"].notna()]
+        samples = samples[samples["quality"].isin(USABLE) | (samples["censored"] != 0)]
+        column = file.columns[name]
+        known = ~np.isnan(column.values)
+        np.testing.assert_array_equal(column.values[known], samples["value"])
+        off = np.where((name == SPEED) & (samples["value"] == 0.0), -1, samples["censored"])  # a standing rotor
+        np.testing.assert_array_equal(column.censor[known], off)
         np.testing.assert_allclose(file.columns["time_s"].values[known], samples["time_s"], atol=1e-9)
+    assert file.columns[FLOW].censor.max() == 1
+    assert any(f"gauge.{PRESSURE}{leaf}': by the marks of quality beside it" in one for one in told), told
+    assert any("1 readings are stale and missing" in one for one in told), told
+    assert not any("the file says" in one for one in told), told
+
+
+def test_a_group_of_an_exported_tdms_file_is_imported_with_its_marks(run, files, tmp_path):
+    text = MAPPING.format(reader="tdms", table=f'group = "meter.{FLOW}"')
+    for name, column, unit in (("time_s", "time_s", "s"), (FLOW, "value", "L/min")):
+        text += COLUMN.format(name=name, column=column, unit=unit)
+    (tmp_path / "map.toml").write_text(text + '[columns.pressure_bar_abs]\nconstant = 2.0\nunit = "bar abs"\n')
+    made = import_recording([files[".tdms"]], read_mapping(tmp_path / "map.toml"), tmp_path / "recording")
+    (file,) = read_recording(made).files
+    samples = run.samples[run.samples["channel"] == FLOW]
+    np.testing.assert_array_equal(file.columns[FLOW].values, samples["value"])
+    np.testing.assert_array_equal(file.columns[FLOW].censor, samples["censored"])
 
 
 def test_a_killed_run_and_a_name_that_is_taken_are_refused(run, tmp_path):
