@@ -12,8 +12,11 @@ from rig.readings import scpi_number
 from rig.recording.units import DATED
 
 DAY_S = 86_400.0
-_NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)
-_CLOCK = re.compile(r"\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:[.,][0-9]+)?)\s*(?:([AaPp])\.?[Mm]\.?)?\s*", re.ASCII)
+_NUMBER = re.compile(r"\s*([<>]?)\s*([+-]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*", re.ASCII)
+_CLOCK = re.compile(
+    r"\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:[.,][0-9]+|:[0-9]{3})?)\s*(?:([AaPp])\.?[Mm]\.?)?\s*", re.ASCII
+)
+_DAY_S_END = re.compile(r"(.+[T ])24:00(?::00(?:[.,]0+)?)?((?:Z|[+-].*)?)", re.ASCII)
 _DATE = re.compile(r"([0-9]{1,4})[-./]([0-9]{1,2})[-./]([0-9]{1,4})", re.ASCII)
 _SIGN = {"": 0, "<": -1, ">": 1}
 
@@ -54,9 +57,8 @@ class Cell:
                 return None
             cell = cell.replace(",", ".")
         match = _NUMBER.fullmatch(cell)
-        if match is None or math.isinf(float(match[2])):
-            return None
-        return float(match[2]), _SIGN[match[1]]
+        value = float(re.sub(r"\s", "", match[2])) if match else math.inf  # such as +  2.00
+        return (value, _SIGN[match[1]]) if match and not math.isinf(value) else None
 
     def time(self, unit: str) -> Callable[[str | float], tuple[float, int] | None]:
         """What reads a date, a time of day or both, in seconds from some moment."""
@@ -65,15 +67,17 @@ class Cell:
         return {"ISO": _iso_time, "hh:mm:ss": _clock_time, "Excel days": self._excel}[unit]
 
     def _excel(self, cell: str | float) -> tuple[float, int] | None:
-        days = self.number(cell)
-        return None if days is None or math.isnan(days[0]) else (days[0] * DAY_S, 0)
+        parts = cell.split() if isinstance(cell, str) else [cell]  # a date and a time of two columns are added
+        days = [self.number(part) for part in parts[:3]]
+        known = [day[0] for day in days if day is not None and not math.isnan(day[0])]
+        return (sum(known) * DAY_S, 0) if 1 <= len(known) == len(days) <= 2 else None
 
 
 def _clock_time(cell: str | float) -> tuple[float, int] | None:
     match = _CLOCK.fullmatch(str(cell))
     if match is None:
         return None
-    hour, minute, second = int(match[1]), int(match[2]), float(match[3].replace(",", "."))
+    hour, minute, second = int(match[1]), int(match[2]), float(re.sub("[,:]", ".", match[3]))
     if match[4]:
         if not 1 <= hour <= 12:
             return None
@@ -99,9 +103,12 @@ def _dated(cell: str | float, places: tuple[int, int, int]) -> tuple[float, int]
 def iso(cell: str | float) -> datetime.datetime | None:
     """A date and a time of ISO 8601; None for another text, such as a number of milliseconds."""
     text = str(cell).strip()
+    ended = _DAY_S_END.fullmatch(text)  # which not every Python reads
     try:
+        if ended:
+            return datetime.datetime.fromisoformat(f"{ended[1]}00:00{ended[2]}") + datetime.timedelta(days=1)
         return None if text.isdigit() and len(text) > 8 else datetime.datetime.fromisoformat(text)
-    except ValueError:
+    except (ValueError, OverflowError):
         return None
 
 

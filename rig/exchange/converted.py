@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from configs.units import STANDARD_BAR, ZERO_C
 from rig.exchange.cells import DAY_S, Cell, iso
+from rig.exchange.doubts import jumps, labelled, numbers_in_doubt
 from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, RotameterTable, StandardTable
 from rig.exchange.tables import Table
 from rig.exchange.units import MOLAR_MASS, unit_of
@@ -21,11 +21,9 @@ from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
 
-JUMP_S, JUMP = 60.0, 100.0  # of a run's clock, told when it is longer than both: seconds, usual steps
 MOST_S = 5e9  # some 160 years; more nanoseconds than an integer holds are not far above
 NORMAL = StandardTable(pressure_bar_abs=STANDARD_BAR, temperature_c=0.0)  # that `units` refers a flow of mass to
 ZERO_NOISE, ZERO_BIAS = 6.0, 3.0  # of the declared errors, as for a flow near 0: how far below 0 rest may read
-_DIGIT = re.compile(r"\d")
 _HELD = ("time_s", "supply_open", "rotor_locked", "angle_rad")  # of averaged rows the last is taken
 
 
@@ -59,10 +57,10 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     Raises RunError: file, line and column of the first cell that cannot be used.
     """
     reads = Cell(mapping.table)
-    rows = _rows(entry, table, reads)
+    rows = _read_rows(mapping, entry, table, _rows(entry, table, reads))
     if not rows:
         raise RunError(f"{table.place}: no row is left of what [[files]] takes")
-    converted = Converted(entry, {}, notes=_labelled(table, rows, reads))
+    converted = Converted(entry, {}, notes=labelled(table, rows, reads))
     for name, source in mapping.columns.items():
         if name == "direction":
             converted.direction = _directions(source, table, rows)
@@ -93,7 +91,7 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     if isinstance(mapping.motor, str):
         _check(entry, converted, lines, table.place)
     if entry.kind == "transient" and "time_s" in converted.columns:
-        converted.notes += _jumps(converted.columns["time_s"].values, lines, table.place)
+        converted.notes += jumps(converted.columns["time_s"].values, lines, table.place)
     thinned = _thinned(mapping, converted, table.place)
     thinned.lines = lines[entry.average_rows - 1 :: entry.average_rows]
     return _at_rest(mapping, thinned, table.place)
@@ -114,18 +112,6 @@ def _check(entry: FileTable, converted: Converted, lines: Sequence[int], place: 
             raise RunError(
                 f"{place}, line {lines[int(back.argmax()) + 1]}: time_s does not increase from the row before"
             )
-
-
-def _jumps(times: NDArray[np.float64], lines: Sequence[int], place: str) -> list[str]:
-    """Where the clock of a run goes on by far more than it does from row to row, in words."""
-    steps = np.diff(times)
-    if steps.size < 2 or not np.nanmax(steps) > max(JUMP_S, JUMP * float(np.nanmedian(steps))):
-        return []
-    at = int(np.nanargmax(steps))
-    return [
-        f"{place}, line {lines[at + 1]}: {steps[at]:.6g} s after the row before, where {np.nanmedian(steps):.3g} s are "
-        "usual; was the clock set, as for summer time?"
-    ]
 
 
 def _at_rest(mapping: MappingFile, converted: Converted, place: str) -> Converted:
@@ -159,9 +145,13 @@ def _cells(source: ColumnTable, table: Table, rows: list[int]) -> Sequence[str |
     return [cells[row] for row in rows]
 
 
+def _keys(source: ColumnTable) -> list[str | int]:
+    """The columns of the table that a column is made of."""
+    return source.column if isinstance(source.column, list) else [] if source.column is None else [source.column]
+
+
 def _heading(source: ColumnTable) -> str:
-    keys = source.column if isinstance(source.column, list) else [source.column]
-    return shown("' and '".join(map(str, keys)))
+    return shown("' and '".join(map(str, _keys(source))))
 
 
 def _rows(entry: FileTable, table: Table, reads: Cell) -> list[int]:
@@ -175,6 +165,19 @@ def _rows(entry: FileTable, table: Table, reads: Cell) -> list[int]:
     if isinstance(wanted, str):
         return [row for row in rows if str(cells[row]).strip() == wanted]
     return [row for row in rows if reads.number(cells[row]) == (wanted, 0)]
+
+
+def _read_rows(mapping: MappingFile, entry: FileTable, table: Table, rows: list[int]) -> list[int]:
+    """The rows without those in which no column that is taken has anything, such as a note beside the table has.
+
+    Where rows are counted, as by a period, all are kept.
+    """
+    sources = mapping.columns.values()
+    if entry.average_rows > 1 or any(source.sample_period_s is not None for source in sources):
+        return rows
+    keys = [key for source in sources for key in _keys(source)]
+    columns = [table.column(key) for key in keys]
+    return [row for row in rows if any(not isinstance(cells[row], str) or str(cells[row]).strip() for cells in columns)]
 
 
 def _column(
@@ -201,6 +204,8 @@ def _column(
                 f"decimals with '{reads.decimal}'"
             )
         values[index], censor[index] = found
+    if name in MEASURED:
+        notes += [f"{table.place}, {place}: {words}" for words in numbers_in_doubt(cells, values, reads.decimal)]
     over, marked = (
         np.isinf(values),
         [str(cell).strip() for cell, value in zip(cells, values, strict=True) if value != value],
@@ -265,22 +270,6 @@ def _refuse_mixed(cells: Sequence[str | float | None], places: Sequence[str]) ->
             f"{places[other]}: '{shown(str(cells[other]))}' and '{shown(str(cells[0]))}' before it: one tells its "
             "offset from UTC, and the other does not"
         )
-
-
-def _labelled(table: Table, rows: list[int], reads: Cell) -> list[str]:
-    """Rows that a word among numbers seems to call something else than a reading, such as a mean below the others."""
-    texts = [(at, cells) for at, cells in enumerate(table.columns) if isinstance(cells[rows[0]], str)]
-    for at, cells in texts:
-        plain = {row: cell for row in rows if not _DIGIT.search(cell := str(cells[row]))}
-        words = {cell for cell in set(plain.values()) if reads.reading(cell) is None}
-        named = [row for row, cell in plain.items() if cell in words]
-        if 0 < len(named) < len(rows) - len(plain):
-            lines = ", ".join(str(table.lines[row]) for row in named[:5]) + ", ..." * (len(named) > 5)
-            return [
-                f"{table.place}, line {lines}, column {at + 1}: '{shown(str(cells[named[0]]))}' among numbers; where "
-                "such a row is no reading, leave it out with rows = [first, last] in [[files]]"
-            ]
-    return []
 
 
 def _directions(source: ColumnTable, table: Table, rows: list[int]) -> NDArray[np.str_]:

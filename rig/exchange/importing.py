@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import tempfile
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.exchange.converted import Converted, convert
+from rig.exchange.doubts import numbers_for_headings, other_units
 from rig.exchange.export import NOTES
 from rig.exchange.mapping import FileTable, Mapping
 from rig.exchange.tables import Table, read_table
@@ -20,7 +22,6 @@ from rig.recording import Ambient, Channel, Recording, RecordingError, Recording
 from rig.recording.columns import FIGURES, MEASURED, NUMERIC, OF_CHANNEL, PRESSURE, ROLES
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
-from rig.recording.units import unit_called
 from rig.recording.write import PlaceError
 from rig.runlog.folder import RunError, sha256_of
 from rig.runlog.plateaus import QUANTITIES
@@ -146,10 +147,10 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
     wanted = [key for one in columns if one is not None for key in (one if isinstance(one, list) else [one])]
     for path, entry in _entries(files, mapping):
         only = [entry.only.column] if entry.only else []
-        table = read_table(path, mapping.file.table, entry.sheet, entry.group, [*wanted, *only])
+        table = read_table(path, mapping.file.table, entry.sheet, entry.group, [*wanted, *only], entry.rows)
         _refuse_gaps(mapping, entry, table)
         part = convert(mapping.file, entry, table)
-        part.notes += _other_units(mapping, table) + list(table.remarks)
+        part.notes += [*other_units(mapping.file, table), *numbers_for_headings(mapping.file, table), *table.remarks]
         part.notes += [f"{table.place}: {table.clocks}; on one time line, with empty cells between"] * bool(
             table.clocks
         )
@@ -161,7 +162,25 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
                 "sample_period_s = .."
             )
         parts.append(part)
+    for words in _refuse_twice(mapping, parts):
+        tell(words)
     return parts
+
+
+def _refuse_twice(mapping: Mapping, parts: Sequence[Converted]) -> list[str]:
+    """Refuse readings that are given twice, for they would count twice; and where a few rows are, say so."""
+    notes = []
+    for one, other in itertools.combinations([part for part in parts if part.entry.kind != "zero"], 2):
+        read = [name for name in MEASURED if name in one.columns and name in other.columns]
+        values = [b"".join(part.columns[name].values.tobytes() for name in read) for part in (one, other)]
+        names = " and ".join(dict.fromkeys(part.entry.file for part in (one, other)))
+        if read and one.rows > 1 and values[0] == values[1]:
+            raise RunError(f"{mapping.path}: {names}: the same readings twice, which would count twice; give them once")
+        same = [getattr(one.entry, key) == getattr(other.entry, key) for key in ("file", "sheet", "group")]
+        lines = sorted(set(one.lines) & set(other.lines))
+        if all(same) and lines and mapping.file.files:
+            notes.append(f"{names}, lines {lines[0]} to {lines[-1]}: two of [[files]] take them, and they count twice")
+    return notes
 
 
 def _refuse_gaps(mapping: Mapping, entry: FileTable, table: Table) -> None:
@@ -175,20 +194,6 @@ def _refuse_gaps(mapping: Mapping, entry: FileTable, table: Table) -> None:
     why += [f"drop_repeats of {name} needs its own rows" for name, source in columns.items() if source.drop_repeats]
     if table.clocks and why:
         raise RunError(f"{table.place}: {table.clocks}; {why[0]}: save the channels on one clock, or import one")
-
-
-def _other_units(mapping: Mapping, table: Table) -> list[str]:
-    """Where a file states another unit than the mapping; it need not say whether a pressure is absolute."""
-    notes = []
-    for name, column in mapping.file.columns.items():
-        stated = table.units.get(str(column.column), "")
-        same = (column.unit, column.unit.removesuffix(" abs").removesuffix(" gauge"))
-        if stated.strip() not in ("", "-", "1") and unit_called(stated.partition(" since ")[0]) not in same:
-            notes.append(
-                f"{table.place}, '{shown(str(column.column))}': the file says '{shown(stated)}', the mapping "
-                f"'{column.unit}' for {name}; the mapping's is taken"
-            )
-    return notes
 
 
 def _names(parts: Sequence[Converted]) -> list[str]:

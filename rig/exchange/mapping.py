@@ -22,10 +22,26 @@ from rig.runlog.folder import RunError
 
 FORMAT = "import/1"
 FOLDER = CONFIGS / "imports"
-OVER_RANGE = ("OL", "+OL", "O.L", "0L", "0.L", "OVLD", "OVER", "OVERLOAD", "OVERRANGE", "OFL", "1.#INF", "INF", "+INF")
+OVER_RANGE = (
+    *("OL", "+OL", "O.L", "0L", "0.L", "OVLD", "OVER", "+OVER", "+OVR", "OVERLOAD", "OVERRANGE", "OVER RANGE", "OFL"),
+    *("OVER-RANGE", "OVERFLOW", "1.#INF", "+1.#INF", "INF", "+INF", "INFINITY", "+INFINITY", "∞"),
+    *("+" * count for count in range(2, 9)),
+)
 INVALID = (
     *("NaN", "-NaN", "1.#QNAN", "-1.#IND", "1.#IND", "#N/A", "N/A", "NA", "NULL", "None"),
-    *("ERR", "ERROR", "-OL", "UNDER"),
+    *("ERR", "ERROR", "-OL", "UNDER", "-OVER", "-OVR", "-INF", "-1.#INF", "-INFINITY", "-∞", "BURNOUT"),
+    *(
+        "NAN(IND)",
+        "-NAN(IND)",
+        "NAN(SNAN)",
+        "1.#IND00",
+        "-1.#IND00",
+        "1.#QNAN0",
+        "#DIV/0!",
+        "#NUM!",
+        "#VALUE!",
+        "#REF!",
+    ),
     *(mark * count for mark in "-*" for count in range(1, 9)),
 )
 Whole = Annotated[int, Field(ge=1, le=10_000_000)]

@@ -19,6 +19,7 @@ from rig.recording.mistakes import shown
 from rig.recording.units import unit_called
 from rig.runlog.folder import RunError, read_bytes
 
+UTF_8_MARK = b"\xef\xbb\xbf"
 _SPACED = re.compile(r'"([^"]*)"|(\S+)')
 _LINE_END = re.compile(r"\r\n?|\n")
 _UNIT = re.compile(r"[\[(]([^\[\]()]+(?:\([^()]*\))?)[\])]\s*")
@@ -60,6 +61,10 @@ class Table:
             )
         return self.columns[at]
 
+    def heading(self, key: str | int) -> str:
+        """A column's heading, whether it is taken by it or by its place; empty where there is none."""
+        return key if isinstance(key, str) else "".join(self.headings[key - 1 : key])
+
     def _at(self, key: str | int) -> int:
         if isinstance(key, int):
             if key <= len(self.columns):
@@ -75,16 +80,22 @@ class Table:
 
 
 def read_table(
-    path: Path, table: TableTable, sheet: str = "", group: str = "", wanted: Sequence[str | int] = ()
+    path: Path,
+    table: TableTable,
+    sheet: str = "",
+    group: str = "",
+    wanted: Sequence[str | int] = (),
+    taken: Sequence[int] | None = None,
 ) -> Table:
     """Read a table.
 
+    `taken`: first and last row from 1 that are taken; what stands before and behind may be no rows of the table.
     `wanted`: headings and places of the columns that are taken, of all for none. Channels that are not taken may have
         another clock.
     Raises RunError when the file is not what the mapping says.
     """
     if table.reader == "csv":
-        return _csv(path, table)
+        return _csv(path, table, taken)
     if table.reader == "xlsx":
         return _xlsx(path, table, sheet or table.sheet)
     found = read_apart(table.reader, path, group or table.group, wanted)
@@ -95,9 +106,12 @@ def read_table(
     )  # fmt: skip
 
 
-def _csv(path: Path, table: TableTable) -> Table:
+def _csv(path: Path, table: TableTable, taken: Sequence[int] | None) -> Table:
+    data = read_bytes(path, MAX_BYTES)
+    if data.startswith(UTF_8_MARK) and table.encoding != "utf-8":
+        raise RunError(f"{path}: it begins with the mark of utf-8, and the mapping says {table.encoding}")
     try:
-        text = read_bytes(path, MAX_BYTES).decode(table.encoding).removeprefix("\ufeff")
+        text = data.decode(table.encoding).removeprefix("\ufeff")
     except UnicodeError:
         raise RunError(f"{path}: not {table.encoding} text; say its encoding in [table]") from None
     lines, begin = lines_of(text), table.heading_line
@@ -106,8 +120,20 @@ def _csv(path: Path, table: TableTable) -> Table:
     if table.first_line:
         rows = _records(path, lines, table.first_line, table)
     hint = _other_delimiter(lines[max(begin, 1) - 1 :][:1], table)
-    found = _of_rows(str(path), headings, list(rows), table.first_line or begin + 1, table, hint)
+    first = table.first_line or begin + 1
+    found = _of_rows(str(path), headings, list(rows), first, table, hint, taken)
+    delimiter = None if table.delimiter == " " else table.delimiter
+    found = _with_units(found, [line.split(delimiter) for line in lines[begin : first - 1]] if begin else [])
     return found if text[-1:] in ("\r", "\n") else replace(found, remarks=_cut_off(found, table.decimal or "."))
+
+
+def _with_units(found: Table, between: Sequence[Sequence[str]]) -> Table:
+    """A table with the units of a row between its headings and its data, if there is one."""
+    units = dict(found.units)
+    for row in between:
+        said = zip(found.headings, (cell.strip().strip('"') for cell in row), strict=False)
+        units |= {heading: unit for heading, unit in said if unit_called(unit)}
+    return replace(found, units=units)
 
 
 def lines_of(text: str) -> list[str]:
@@ -118,8 +144,8 @@ def lines_of(text: str) -> list[str]:
 def _cut_off(found: Table, decimal: str) -> list[str]:
     """What shows that a last line without an end stops amid a number: fewer decimals than in any other; or nothing."""
     at = max((at for at, cells in enumerate(found.columns) if cells[-1]), default=0)
-    *others, last = (len(str(cell).partition(decimal)[2]) for cell in found.columns[at] if cell)
-    if not others or last >= min(others):
+    sizes = [len(str(cell).partition(decimal)[2]) for cell in found.columns[at] if cell]
+    if len(sizes) < 2 or sizes[-1] >= min(sizes[:-1]):
         return []
     cell = shown(str(found.columns[at][-1]))
     return [f"{found.place}, line {found.lines[-1]}: '{cell}' ends the file without a line's end; is it cut off?"]
@@ -157,7 +183,13 @@ def _records(path: Path, lines: list[str], first: int, table: TableTable) -> Ite
 
 
 def _of_rows(
-    place: str, headings: list[str], rows: list[tuple[int, list[str]]], first: int, table: TableTable, hint: str = ""
+    place: str,
+    headings: list[str],
+    rows: list[tuple[int, list[str]]],
+    first: int,
+    table: TableTable,
+    hint: str = "",
+    taken: Sequence[int] | None = None,
 ) -> Table:
     is_text = table.reader == "csv"
     data = [(number, row) for number, row in rows if any(row)]
@@ -166,28 +198,32 @@ def _of_rows(
     width = len(headings) or len(data[0][1])
     if width > MAX_SERIES:
         raise RunError(f"{place}: {width} columns; at most {MAX_SERIES} are read")
-    if is_text:  # beside the table of a workbook there may be notes
-        for number, row in data:
-            if len(row) > width and any(row[width:]):
-                raise RunError(
-                    f"{place}, line {number}: {len(row)} cells, expected {width}{hint or '; is the delimiter right?'}"
-                )
-            if len(row) < width and table.delimiter == " ":
-                raise RunError(
-                    f"{place}, line {number}: {len(row)} cells, expected {width}; where spaces part the columns, none "
-                    "can be empty"
-                )
-    least, line = min((len(row), number) for number, row in data)
+    begin, end = taken or (1, len(data))
+    checked = data[begin - 1 : end] if is_text else []  # beside the table of a workbook there may be notes
+    for number, row in checked:
+        if len(row) > width and any(row[width:]):
+            raise RunError(
+                f"{place}, line {number}: {len(row)} cells, expected {width}{hint or '; is the delimiter right?'}"
+            )
+        if len(row) < width and table.delimiter == " ":
+            raise RunError(
+                f"{place}, line {number}: {len(row)} cells, expected {width}; where spaces part the columns, none "
+                "can be empty"
+            )
+    least, line = min(((len(row), number) for number, row in checked), default=(width, 0))
     columns: list[Cells] = [[row[index] if index < len(row) else "" for _, row in data] for index in range(width)]
-    short = (line, least) if is_text and least < width else None
+    short = (line, least) if least < width else None
     in_brackets = {heading: found[1] for heading in headings for found in _UNIT.finditer(heading)}
     units = {heading: unit for heading, unit in in_brackets.items() if unit_called(unit)}
     return Table(place, headings, columns, [number for number, _ in data], short, units=units, hint=hint)
 
 
 def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
-    rows, begin = rows_of(path, sheet), table.heading_line
+    (rows, remarks), begin = rows_of(path, sheet), table.heading_line
     headings = rows[begin - 1] if 0 < begin <= len(rows) else []
     first = table.first_line or begin + 1
     numbered = list(enumerate(rows, start=1))[first - 1 :]
-    return _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, numbered, first, table)
+    found = _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, numbered, first, table)
+    found = _with_units(found, rows[begin : first - 1] if begin else [])
+    lines = set(found.lines)
+    return replace(found, remarks=[f"{found.place}, line {at}: {words}" for at, words in remarks if at in lines])

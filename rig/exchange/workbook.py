@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 from xml.etree import ElementTree as Xml
@@ -16,6 +16,7 @@ from rig.runlog.folder import RunError, open_plain
 MAX_PART_BYTES = 200_000_000  # unpacked
 MAX_CELLS = 20_000_000
 Found = TypeVar("Found")
+_SPAN = re.compile(r"[A-Z]\$?([0-9]+):\$?[A-Z]+\$?([0-9]+)")  # the rows from which a formula takes cells
 _REFERENCE = re.compile(r"([A-Z]{1,3})([0-9]{1,7})")
 
 
@@ -24,23 +25,33 @@ def sheet_names(path: Path) -> list[str]:
     return list(_opened(path, _parts_by_name))
 
 
-def rows_of(path: Path, sheet: str) -> list[list[str]]:
-    """A sheet's rows from the first on. Raises RunError where the workbook cannot be read, or has no such sheet."""
+def rows_of(path: Path, sheet: str) -> tuple[list[list[str]], list[tuple[int, str]]]:
+    """A sheet's rows from the first on, and what a person should look at, each with its line.
 
-    def read(archive: zipfile.ZipFile) -> list[list[str]]:
+    Raises RunError where the workbook cannot be read, or has no such sheet.
+    """
+
+    def read(archive: zipfile.ZipFile) -> tuple[list[list[str]], list[tuple[int, str]]]:
         parts = _parts_by_name(archive)
         if sheet not in parts:
             listed = ", ".join(f"'{shown(name)}'" for name in parts)
             raise RunError(f"{path}: name the sheet in [table] or [[files]]: sheet = one of {listed}")
-        return _grid(archive, parts[sheet], _shared(archive))
+        part = _part(archive, parts[sheet])
+        return _grid(part, _shared(archive)), list(_remarks(part))
 
     return _opened(path, read)
 
 
 def _opened(path: Path, read: Callable[[zipfile.ZipFile], Found]) -> Found:
     try:
-        with open_plain(path, MAX_BYTES) as stream, zipfile.ZipFile(stream) as archive:
-            return read(archive)
+        with open_plain(path, MAX_BYTES) as stream:
+            if stream.read(4) == b"\xd0\xcf\x11\xe0":
+                raise RunError(f"{path}: a workbook of an old Excel (.xls), or one with a password; save it as .xlsx")
+            stream.seek(0)
+            with zipfile.ZipFile(stream) as archive:
+                if "xl/workbook.xml" not in archive.namelist():
+                    raise RunError(f"{path}: an archive, but no workbook of Excel; save it as .xlsx")
+                return read(archive)
     except RunError:
         raise
     except Exception as error:  # whatever a damaged archive makes its readers stumble over
@@ -86,11 +97,23 @@ def _text(entry: Xml.Element) -> str:
     return "".join(text.text or "" for run in runs for text in run.findall(_tag("t")))
 
 
-def _grid(archive: zipfile.ZipFile, part: str, shared: list[str]) -> list[list[str]]:
+def _remarks(sheet: Xml.Element) -> Iterator[tuple[int, str]]:
+    """Rows that may be no readings: hidden ones, and those in which a formula takes several rows together."""
+    for at, row in enumerate(sheet.iter(_tag("row")), start=1):
+        number = int(row.get("r", at))
+        if row.get("hidden") in ("1", "true"):
+            yield number, "a hidden row; it is read like the others"
+        formulas = (cell.findtext(_tag("f")) or "" for cell in row.iter(_tag("c")))
+        for text in formulas:
+            if any(first != last for first, last in _SPAN.findall(text)):
+                yield number, f"the formula '{shown(text)}' takes several rows; it is read like the others"
+                break
+
+
+def _grid(sheet: Xml.Element, shared: list[str]) -> list[list[str]]:
     """The sheet's cells as text, row by row; a formula's last value."""
     grid: list[list[str]] = []
     count = 0
-    sheet = _part(archive, part)
     for row in sheet.iter(_tag("row")):
         number = int(row.get("r", len(grid) + 1))
         if not len(grid) < number <= 1_048_576:

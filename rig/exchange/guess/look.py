@@ -186,7 +186,7 @@ def _workbook(path: Path) -> Source:
     reads = Cell(TableTable(reader="xlsx"))
     layouts: dict[str, Layout] = {}
     for name in sheet_names(path):
-        rows = list(enumerate(rows_of(path, name)[:LOOKED_LINES], start=1))
+        rows = list(enumerate(rows_of(path, name)[0][:LOOKED_LINES], start=1))
         layout = layout_of(rows, reads, of_one_width=False)
         if layout is not None:
             layouts[name] = layout
