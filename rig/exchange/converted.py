@@ -70,6 +70,8 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
             converted.columns[name] = Column(times, np.zeros(len(rows), dtype=np.int8))
             continue
         cells = _cells(source, table, rows)
+        if name == "time_s":
+            _refuse_other_times(source, table)
         column = _column(name, source, cells, table, rows, reads, converted.notes)
         if np.isnan(column.values).all():
             converted.notes.append(
@@ -210,6 +212,12 @@ def _column(
         np.isinf(values),
         [str(cell).strip() for cell, value in zip(cells, values, strict=True) if value != value],
     )
+    if source.highest is not None and (values[~over] > source.highest).any():
+        at = int(np.argmax(np.where(over | np.isnan(values), -np.inf, values)))
+        raise RunError(
+            f"{table.place}, line {table.lines[rows[at]]}, {place}: '{shown(str(cells[at]))}' is above highest = "
+            f"{source.highest:g} {source.unit}, which the instrument cannot show"
+        )
     values[over] = math.nan if source.highest is None else source.highest
     censor[over & np.isnan(values)] = 0
     _note(
@@ -222,8 +230,7 @@ def _column(
     )
     if of_day:
         places = [f"{table.place}, line {table.lines[row]}, {place}" for row in rows]
-        if source.unit == "ISO":
-            _refuse_mixed(cells, places)
+        _refuse_mixed(cells, places, source.unit == "ISO")
         values = _from_the_first(values, source.unit, places)
     if source.drop_repeats:
         repeats = np.append(False, (np.diff(values) == 0.0) & (np.diff(censor) == 0))
@@ -261,14 +268,30 @@ def _from_the_first(values: NDArray[np.float64], unit: str, places: Sequence[str
     return values - values[0]
 
 
-def _refuse_mixed(cells: Sequence[str | float | None], places: Sequence[str]) -> None:
-    """Refuse times of which some tell their offset from UTC and others do not."""
-    told = [(time := iso(cell or "")) is not None and time.tzinfo is not None for cell in cells]
+def _refuse_mixed(cells: Sequence[str | float | None], places: Sequence[str], is_iso: bool) -> None:
+    """Refuse times of which some tell their offset from UTC, or AM and PM, and others do not."""
+    if is_iso:
+        told = [(time := iso(cell or "")) is not None and time.tzinfo is not None for cell in cells]
+    else:
+        told = [str(cell).strip().rstrip(".").endswith(("m", "M")) for cell in cells]
     if len(set(told)) > 1:
         other = told.index(not told[0])
         raise RunError(
-            f"{places[other]}: '{shown(str(cells[other]))}' and '{shown(str(cells[0]))}' before it: one tells its "
-            "offset from UTC, and the other does not"
+            f"{places[other]}: '{shown(str(cells[other]))}' and '{shown(str(cells[0]))}' before it: one tells "
+            f"{'its offset from UTC' if is_iso else 'AM or PM'}, and the other does not"
+        )
+
+
+def _refuse_other_times(source: ColumnTable, table: Table) -> None:
+    """Refuse the time of one channel where others have their own under the same heading, as in LabVIEW's tables."""
+    keys = _keys(source)
+    heading = table.heading(keys[0]) if len(keys) == 1 else ""
+    places = [at for at, other in enumerate(table.headings) if heading and other == heading]
+    if len({tuple(table.columns[at]) for at in places}) > 1:
+        listed = ", ".join(str(at + 1) for at in places[:9])
+        raise RunError(
+            f"{table.place}: columns {listed} are all called '{shown(heading)}' and differ, as where each channel has "
+            "its own times; save the channels on one clock"
         )
 
 

@@ -174,6 +174,7 @@ def read_mapping(path: Path) -> Mapping:
         path = find("imports", path.name) or FOLDER / f"{path.name}.toml"
     file = validate(MappingFile, read_toml(path), str(path))
     mistakes = [f"{path}: {mistake}" for name, table in file.columns.items() for mistake in _mistakes(name, table)]
+    mistakes += [f"{path}: {mistake}" for mistake in _taken_twice(file.columns)]
     if not file.files and file.kind is None:
         mistakes.append(f"{path}: the key 'kind' is missing; say steady, transient or zero, or list [[files]]")
     date = file.origin.date
@@ -182,6 +183,17 @@ def read_mapping(path: Path) -> Mapping:
     if mistakes:
         raise RunError("\n".join(mistakes))
     return Mapping(path, file, path.read_bytes())
+
+
+def _taken_twice(columns: dict[str, ColumnTable]) -> list[str]:
+    """Where one column of the source is two readings."""
+    taken: dict[object, str] = {}
+    mistakes = []
+    for name in MEASURED:
+        key = columns[name].column if name in columns else None
+        if isinstance(key, str | int) and taken.setdefault(key, name) != name:
+            mistakes.append(f"columns.{name}: '{shown(str(key))}' is columns.{taken[key]} already")
+    return mistakes
 
 
 def _mistakes(name: str, table: ColumnTable) -> list[str]:

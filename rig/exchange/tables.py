@@ -57,7 +57,8 @@ class Table:
             line, cells = self.short
             raise RunError(
                 f"{self.place}, line {line}: {cells} cells, and column {at + 1} ('{shown(str(key))}') is not among "
-                "them; is the row cut off?"
+                "them; is the row cut off? If it is none of the table, leave it out with rows = [first, last] in "
+                "[[files]]"
             )
         return self.columns[at]
 

@@ -32,9 +32,9 @@ from rig.exchange.binary.missing import missing, written
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0}
 _WORDS = {"sec": "s", "second": "s", "seconds": "s", "millisecond": "ms", "milliseconds": "ms", "µs": "us"}
-_WORDS |= {"nanoseconds": "ns", "minute": "min", "minutes": "min", "hour": "h", "hours": "h"}
+_WORDS |= {"nanoseconds": "ns", "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "day": "d", "days": "d"}
 EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 MOST_LINKS = 8
 _PACKED = (("scale_factor", 1.0), ("add_offset", 0.0))
@@ -62,7 +62,10 @@ def listed(path: Path) -> list[Listed]:
         found, clocks = [], set()
         for name in _names(file, path):
             data, field = _dataset(file, name, path, str(path))
-            cells = cells_of(_values(data, field, f"{path}, '{shown(name)}'", FEW), f"{path}, '{shown(name)}'")
+            try:
+                cells = cells_of(_values(data, field, f"{path}, '{shown(name)}'", FEW), f"{path}, '{shown(name)}'")
+            except RunError:  # it is no column
+                continue
             clock = _clock_of(data, path)
             clocks |= {clock.name} if clock is not None else set()
             clocked = clock is not None and _unit(clock)[0] is not None
@@ -95,7 +98,7 @@ def _names(root: Any, path: Path) -> list[str]:
         if len(names) > MAX_SERIES:
             raise RunError(f"{path}: more than {MAX_SERIES} datasets; name a group in [table], or the columns")
         if isinstance(found, h5py.Dataset) and found.shape and found.size == max(found.shape) and found.size > 1:
-            fields = found.dtype.names or ()
+            fields = [key for key in found.dtype.names or () if not found.dtype[key].shape]
             names.extend([f"{name}/{field}" for field in fields] or [name] * (found.dtype.kind in "biufOSU"))
 
     root.visititems(see)
@@ -125,6 +128,8 @@ def _values(data: Any, field: str, place: str, count: int | None = None) -> NDAr
         raise RunError(f"{place}: its shape is {data.shape}; a column has one dimension, and at most {MAX_ROWS} rows")
     values = np.asarray(data[()] if count is None or data.ndim > 1 else data[:count]).ravel()[:count]
     values = values[field] if field else values
+    if values.ndim > 1:
+        raise RunError(f"{place}: it holds {values.shape[1:]} numbers a row; a column has one")
     if values.dtype.kind not in "biuf":
         return values
     known = values.astype(np.float64)

@@ -27,6 +27,7 @@ def listed(path: Path) -> list[Listed]:
     return [
         Listed("", name, "", array.size, cells_of(array[:FEW], f"{path}, {shown(name)}"), False)
         for name, array in _vectors(path).items()
+        if array.dtype.kind in "biuf"
     ]
 
 
@@ -40,7 +41,7 @@ def _vectors(path: Path) -> dict[str, np.ndarray]:
             raise RunError(f"{path}: a MATLAB 7.3 file; read it with reader = 'hdf5', or save it with -v7") from None
         except Exception as error:  # whatever a damaged file makes the package stumble over
             raise RunError(f"{path}: not a MATLAB file that can be read ({shown(str(error), 100)})") from None
-    return {
+    vectors = {
         name: array.ravel()
         for name, array in found.items()
         if not name.startswith("__")
@@ -50,3 +51,8 @@ def _vectors(path: Path) -> dict[str, np.ndarray]:
         and array.size > 1
         and np.issubdtype(array.dtype, np.number)
     }
+    if not vectors:
+        others = [f"'{shown(name)}' {np.shape(array)}" for name, array in found.items() if not name.startswith("__")]
+        there = f"; there are {', '.join(others[:20])}" if others else ""
+        raise RunError(f"{path}: no vector of numbers in it{there}; save each column as a variable of its own")
+    return vectors

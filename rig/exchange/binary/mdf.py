@@ -41,7 +41,10 @@ def listed(path: Path) -> list[Listed]:
     with _opened(path) as file:
         found = []
         for group, name, at, index in _channels(file, path):
-            signal, cells = _signal(file, path, name, at, index, FEW)
+            try:
+                signal, cells = _signal(file, path, name, at, index, FEW)
+            except RunError:  # it is no column
+                continue
             count = int(file.groups[at].channel_group.cycles_nr)
             found.append(Listed(group, name, str(signal.unit), count, cells, _has_clock(file, at)))
         return found

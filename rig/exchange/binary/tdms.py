@@ -44,6 +44,7 @@ def listed(path: Path) -> list[Listed]:
         )
         for group, channels in _groups(path)[0].items()
         for channel in channels
+        if np.asarray(channel[:0]).dtype.kind in "biufMOUS"
     ]  # fmt: skip
 
 

@@ -68,6 +68,8 @@ def look_at_text(path: Path) -> Text:
 def _decoded(data: bytes, path: Path) -> tuple[str, str]:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16", data.decode("utf-16", "replace")
+    if len(data) > 1 and not any(data[1:200:2]):
+        return "utf-16", data.decode("utf-16-le", "replace")
     if b"\0" in data:
         raise RunError(f"{path}: neither a format that is known nor text; say how it was written")
     for encoding in ("utf-8", "cp1252"):

@@ -1,0 +1,290 @@
+"""Files in the manner of loggers: read as they were meant, told where they may be meant otherwise, or refused."""
+
+import re
+
+import numpy as np
+import pytest
+from nptdms import ChannelObject, TdmsWriter
+
+from rig.exchange.guess.proposal import propose
+from rig.exchange.importing import import_recording
+from rig.exchange.mapping import read_mapping
+from rig.recording import read_recording
+from rig.runlog import RunError
+from tests.rig.exchange.test_exchange_as_found import sheet
+from tests.rig.runlog.test_runlog_import import CLOCKED, HEAD, SIMPLE, TDMS, put, workbook  # noqa: F401 - a fixture
+
+FLOW = '[columns.flow_l_min]\ncolumn = "Q"\nunit = "L/min"\n'
+PLACES = SIMPLE.replace('"P"', "1").replace('"n"', "2")
+ROWS = '[[files]]\nfile = "data.csv"\nkind = "steady"\nrows = [1, 2]\n'
+RUN = '[[files]]\nfile = "data"\nkind = "transient"\n'
+POINT = HEAD.replace('decimal = ","', 'decimal = "."')
+
+
+@pytest.fixture
+def taken(put, tmp_path):  # noqa: F811 - the fixture
+    """Imports a file as a recording; returned are the columns of its first file, and what was told."""
+
+    def run(content, columns=SIMPLE, head=POINT, name="data.csv"):
+        told = []
+        mapping = read_mapping(put("map.toml", head + columns))
+        source = tmp_path / name
+        content(source) if callable(content) else put(name, content)
+        folder = import_recording([source], mapping, tmp_path / "out", told.append)
+        columns = read_recording(folder).files[0].columns
+        return {key: column.values.tolist() for key, column in columns.items()}, " | ".join(told)
+
+    return run
+
+
+CLOCKS = {
+    "thousandths after a colon": ("M/D/Y h:m:s", ["05/13/2024 10:00:00:123", "05/13/2024 10:00:01:623"], 1.5),
+    "ISO with hour 24": ("ISO", ["2023-12-31T23:59:58", "2023-12-31T24:00:00"], 2.0),
+    "ISO with hour 24 in a zone": ("ISO", ["2023-12-31T23:59:58+01:00", "2023-12-31 24:00:00.0+01:00"], 2.0),
+}
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+def test_a_time_is_read_as_loggers_write_it(taken, name):
+    unit, (first, second), apart = CLOCKS[name]
+    found, _ = taken(f"t;P;n\n{first};2.0;397\n{second};2.1;398\n", SIMPLE + CLOCKED.format(unit))
+    assert found["time_s"] == [0.0, apart]
+
+
+def test_a_date_and_a_time_that_excel_counts_in_two_columns_are_added(taken):
+    columns = SIMPLE + '[columns.time_s]\ncolumn = ["d", "t"]\nunit = "Excel days"\n'
+    found, _ = taken("d;t;P;n\n45291;0.75;2.0;397\n45292;0.25;2.1;398\n", columns)
+    assert found["time_s"] == [0.0, 43_200.0]
+
+
+def test_a_sign_may_stand_apart_from_its_number(taken):
+    assert taken("P;Q;n\n+  2.00;- 0.1;+ 397\n", SIMPLE + FLOW)[0]["flow_l_min"] == [-0.1]
+
+
+@pytest.mark.parametrize("mark", ["Infinity", "+OVER", "+1.#INF", "+++++++", "Over Range"])
+def test_more_words_of_loggers_for_a_range_that_ended(taken, mark):
+    assert "over range 1 times" in taken(f"P;n\n2.0;397\n2.1;{mark}\n")[1]
+
+
+@pytest.mark.parametrize("mark", ["-Infinity", "-nan(ind)", "#DIV/0!", "BURNOUT", "-1.#INF", "1.#QNAN0"])
+def test_more_words_of_loggers_for_no_reading(taken, mark):
+    assert f"no reading 1 times ('{mark}')" in taken(f"P;n\n2.0;397\n2.1;{mark}\n")[1]
+
+
+TOLD = {
+    "thousands": (
+        "P;n\n2.0;980\n2.1;1.012\n",
+        SIMPLE,
+        "column 'n': '1.012' beside '980': does '.' part thousands? It is read as decimal",
+    ),
+    "a number for none": (
+        "P;n\n2.0;397\n2.1;9999\n2.2;9999\n",
+        SIMPLE,
+        "column 'n': '9999' 2 times, far from the others: many loggers write it where there is no value",
+    ),
+    "the first row for headings": ("2.0;397\n2.1;398\n", PLACES, "'2.0' is taken for a heading; if the file has none"),
+    "a unit after a comma": (
+        "P, kPa;n\n2.0;397\n",
+        SIMPLE.replace('"P"', '"P, kPa"'),
+        "'P, kPa': the file says 'kPa', the mapping 'bar abs'",
+    ),
+    "a unit in a heading that is taken by its place": ("P [kPa];n\n2.0;397\n", PLACES, "the file says 'kPa'"),
+    "a row that is taken twice": (
+        "P;n\n2.0;397\n2.1;398\n2.2;399\n",
+        SIMPLE + ROWS + ROWS.replace("1, 2", "2, 3"),
+        "data.csv, lines 3 to 3: two of [[files]] take them, and they count twice",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_what_may_be_meant_otherwise_is_read_as_it_stands_and_told(taken, name):
+    content, columns, words = TOLD[name]
+    assert words in taken(content, columns)[1]
+
+
+QUIET = {
+    "decimals of one width": "P;n\n2.0;980.000\n2.1;1012.000\n",
+    "whole numbers": "P;n\n2.0;980\n2.1;1012\n",
+    "numbers near such a one": "P;n\n2.0;9990\n2.1;9999\n2.2;9997\n",
+    "headings": "P (bar);n\n2.0;980\n2.1;1012\n",
+}
+
+
+@pytest.mark.parametrize("name", QUIET)
+def test_what_is_plain_is_not_doubted(taken, name):
+    assert taken(QUIET[name], PLACES)[1] == ""
+
+
+@pytest.mark.parametrize("unit", ["kPa", '"kPa"'])
+def test_a_unit_that_stands_below_its_heading_is_minded(taken, unit):
+    _, told = taken(f"P;n\n{unit};rpm\n2.0;397\n", head=POINT + "first_line = 3\n")
+    assert told.count("the file says") == 1 and "'P': the file says 'kPa', the mapping 'bar abs'" in told
+
+
+@pytest.mark.parametrize("footer", ["End of log\n", "End;of;the;log\n", "\x1a", "\0\0\0\0"])
+@pytest.mark.parametrize("delimiter", [";", " "])
+def test_what_stands_below_the_rows_that_are_taken_may_be_anything(taken, footer, delimiter):
+    head, footer = POINT.replace('";"', f'"{delimiter}"'), footer.replace(";", delimiter)
+    rows = "P;n\n2.0;397\n2.1;398\n".replace(";", delimiter)
+    assert taken(rows + footer, SIMPLE + ROWS, head)[0]["speed_rpm"] == [397.0, 398.0]
+    with pytest.raises(RunError, match="line 4"):
+        taken(rows + footer, SIMPLE, head)
+
+
+def test_a_row_without_anything_that_is_taken_is_none(taken):
+    csv = "t;P;n;note\n0;2.0;397;\n;;;by Ms N.\n1;2.1;398;\n"
+    found, _ = taken(csv, SIMPLE + CLOCKED.format("s") + RUN.replace('"data"', '"data.csv"'))
+    assert (found["time_s"], found["speed_rpm"]) == ([0.0, 1.0], [397.0, 398.0])
+
+
+def test_where_rows_are_counted_by_a_period_an_empty_one_counts(taken):
+    period = "[columns.time_s]\nsample_period_s = 0.5\n"
+    found, _ = taken("P;n;note\n2.0;397;\n;;by Ms N.\n2.1;398;\n", SIMPLE + period)
+    np.testing.assert_equal(found["speed_rpm"], [397.0, np.nan, 398.0])
+    assert found["time_s"] == [0.0, 0.5, 1.0]
+
+
+REFUSED = {
+    "AM in some rows": (
+        "t;P;n\n11:59:59 AM;2.0;397\n12:00:00;2.1;398\n",
+        SIMPLE + CLOCKED.format("hh:mm:ss"),
+        "line 3, column 't': '12:00:00' and '11:59:59 AM' before it: one tells AM or PM, and the other does not",
+    ),
+    "times of each channel": (
+        "X;P;X;n\n0.0;2.0;0.05;397\n0.1;2.1;0.15;398\n",
+        '[columns.time_s]\ncolumn = 1\nunit = "s"\n' + SIMPLE,
+        "columns 1, 3 are all called 'X' and differ",
+    ),
+    "one column for two": ("P;n\n2.0;397\n", SIMPLE.replace('"n"', '"P"'), "columns.speed_rpm: 'P' is columns."),
+    "more than the highest": (
+        "P;n\n2.0;397\n2.1;OL\n",
+        SIMPLE.replace('"rpm"', '"rpm"\nhighest = 100.0'),
+        "line 2, column 'n': '397' is above highest = 100 rpm",
+    ),
+    "the same rows twice": (
+        "P;n\n2.0;397\n2.1;398\n",
+        SIMPLE + ROWS + ROWS,
+        "data.csv: the same readings twice, which would count twice",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_would_be_read_wrongly_is_refused(taken, tmp_path, name):
+    content, columns, words = REFUSED[name]
+    with pytest.raises(RunError, match=re.escape(words)):
+        taken(content, columns)
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_files_of_the_same_readings_are_refused(put, tmp_path):  # noqa: F811 - the fixture
+    files = [put(name, "P;n\n2.0;397\n2.1;398\n") for name in ("a.csv", "b.csv")]
+    mapping = read_mapping(put("map.toml", POINT + SIMPLE))
+    with pytest.raises(RunError, match=r"a\.csv and b\.csv: the same readings twice"):
+        import_recording(files, mapping, tmp_path / "out")
+
+
+def test_a_mark_of_utf_8_under_another_encoding_is_refused(taken):
+    with pytest.raises(RunError, match="begins with the mark of utf-8, and the mapping says cp1252"):
+        taken("\ufeffP;n\n2.0;397\n", head=POINT + 'encoding = "cp1252"\n')
+
+
+# Workbooks
+
+XLSX = TDMS.replace("tdms", "xlsx") + 'sheet = "one"\n'
+
+
+HIDDEN = (
+    '<worksheet MAIN><sheetData><row r="1"><c r="A1" t="inlineStr"><is><t>P</t></is></c>'
+    '<c r="B1" t="inlineStr"><is><t>n</t></is></c></row>'
+    '<row r="2" hidden="1"><c r="A2"><v>2.0</v></c><c r="B2"><v>397</v></c></row></sheetData></worksheet>'
+)
+
+
+def test_a_hidden_row_is_told(taken):
+    found, told = taken(lambda path: workbook(path, HIDDEN), head=XLSX, name="data.xlsx")
+    assert (found["speed_rpm"], "line 2: a hidden row" in told) == ([397.0], True)
+
+
+def test_a_formula_over_several_rows_is_told(taken):
+    formula = '<c r="A3"><f>AVERAGE(A$1:A2)</f><v>2.0</v></c>'
+    _, told = taken(sheet(formula), head=XLSX, name="data.xlsx")
+    assert "line 3: the formula 'AVERAGE(A$1:A2)' takes several rows" in told
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"\xd0\xcf\x11\xe0" + bytes(600), "a workbook of an old Excel"), (b"P;n\n2;397\n", "not a zip file")],
+)
+def test_what_is_no_workbook_is_told_as_what_it_is(taken, content, words):
+    with pytest.raises(RunError, match=words):
+        taken(content, head=XLSX, name="data.xlsx")
+
+
+# TDMS
+
+BEGIN = np.datetime64("2024-05-01T10:00:00")
+NO_START = np.datetime64("1904-01-01T00:00:00")
+WAVES = TDMS + SIMPLE + CLOCKED.format("s").replace('"t"', '"@time"') + RUN.replace('"data"', '"data.tdms"')
+
+
+def segments(*starts, units=(), names="Pn"):
+    """Writes a TDMS file of waveforms in steps of 0.1 s: a segment of two samples for each start."""
+
+    def write(path):
+        with TdmsWriter(path) as writer:
+            for at, start in enumerate(starts):
+                said = {"wf_start_time": start, "wf_increment": 0.1} if start is not None else {}
+                said |= {"unit_string": units[at]} if units else {}
+                writer.write_segment([ChannelObject("g", name, np.array([2.0, 1.9]) - at, said) for name in names])
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "time", "told"),
+    [(60_000, [0.0, 0.1, 60.0, 60.1], True), (200, [0.0, 0.1, 0.2, 0.3], False), (None, [0.0, 0.1, 0.2, 0.3], False)],
+)
+def test_a_tdms_clock_that_was_started_anew_is_read_from_there(taken, late_ms, time, told):
+    second = None if late_ms is None else BEGIN + np.timedelta64(late_ms, "ms")
+    found, said = taken(segments(BEGIN, second), WAVES, head="", name="data.tdms")
+    assert found["time_s"] == pytest.approx(time)
+    assert ("'n': its clock is set anew: from 2024-05-01T10:00:00" in said) == told
+
+
+def test_a_tdms_clock_that_was_set_back_is_refused(taken):
+    with pytest.raises(RunError, match="line 3: time_s does not increase"):
+        taken(segments(BEGIN, BEGIN - np.timedelta64(60, "s")), WAVES, head="", name="data.tdms")
+
+
+def test_a_start_that_labview_never_set_is_no_date(taken):
+    def write(path):
+        with TdmsWriter(path) as writer:
+            for name, start in (("P", NO_START), ("n", BEGIN)):
+                said = {"wf_start_time": start, "wf_increment": 0.1}
+                writer.write_segment([ChannelObject("g", name, np.array([2.0, 1.9]), said)])
+
+    with pytest.raises(RunError, match=r"two clocks: 'P' from no date .*; one tells no date"):
+        taken(write, WAVES, head="", name="data.tdms")
+
+
+def test_a_tdms_channel_whose_unit_changes_is_refused(taken):
+    with pytest.raises(RunError, match="'P': its scale or unit is another from sample 3 on"):
+        taken(segments(None, None, units=("bar", "kPa")), TDMS + SIMPLE, head="", name="data.tdms")
+
+
+# Guesses
+
+
+def test_a_channel_that_is_no_column_does_not_hide_the_others(tmp_path):
+    with TdmsWriter(tmp_path / "data.tdms") as writer:
+        writer.write_segment(
+            [ChannelObject("g", "n [rpm]", np.array([397.0, 398.0])), ChannelObject("g", "z", np.array([1j, 2j]))]
+        )
+    assert 'column = "n [rpm]"\nunit = "rpm"' in propose(tmp_path / "data.tdms")
+
+
+def test_utf_16_without_its_mark_is_proposed(put):  # noqa: F811 - the fixture
+    text = propose(put("data.csv", "P [bar(a)];n [rpm]\n2.0;397\n2.1;398\n".encode("utf-16-le")))
+    assert 'encoding = "utf-16"\n' in text and 'column = "n [rpm]"' in text
