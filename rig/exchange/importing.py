@@ -16,6 +16,7 @@ from rig.exchange.converted import Converted, convert
 from rig.exchange.doubts import numbers_for_headings, other_units
 from rig.exchange.export import NOTES
 from rig.exchange.mapping import FileTable, Mapping
+from rig.exchange.placing import starts_by_dates, times_on_one_clock
 from rig.exchange.tables import Table, read_table
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
@@ -72,13 +73,17 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path, tell: Tell
         )
     with tempfile.TemporaryDirectory() as place:
         _write(parts, mapping, Path(place) / "recording")
+    times = times_on_one_clock(mapping.path, parts)
+    for part in parts:
+        if part.entry.noise_scale != 1.0:
+            tell(f"{part.entry.file}: a run has no noise_scale; make a recording with -o, or it counts as 1")
     start = _start(mapping, columns)
     with RunWriter.create(Path(root), start, wire=False) as writer:
         for path in sorted({path for path, _ in _entries(files, mapping)}):
             writer.event("import", 0, file=path.name, sha256=sha256_of(path))
         plateaus = 0
-        for part in parts:
-            plateaus = _write_part(writer, part, plateaus)
+        for part, times_ns in zip(parts, times, strict=True):
+            plateaus = _write_part(writer, part, times_ns, plateaus)
         writer.end("finished")
     return writer.folder
 
@@ -162,7 +167,7 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
                 "sample_period_s = .."
             )
         parts.append(part)
-    for words in _refuse_twice(mapping, parts):
+    for words in [*_refuse_twice(mapping, parts), *starts_by_dates(mapping.file, parts)]:
         tell(words)
     return parts
 
@@ -260,10 +265,8 @@ def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
     )
 
 
-def _write_part(writer: RunWriter, part: Converted, plateaus: int) -> int:
+def _write_part(writer: RunWriter, part: Converted, times_ns: list[int], plateaus: int) -> int:
     """The rows of one file; returned is the number of plateaus written so far."""
-    times = part.columns["time_s"].values if "time_s" in part.columns else np.zeros(part.rows)
-    times_ns = np.round((times + part.entry.start_s) * NS).astype(np.int64).tolist()
     for row, time_ns in enumerate(times_ns):
         readings = _readings(part, row, time_ns)
         writer.exchange(Exchange(DEVICE, DEVICE, "import", None, (), readings))

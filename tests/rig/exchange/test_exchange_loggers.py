@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, TdmsWriter
 
+from rig.exchange.export import recording_of
 from rig.exchange.guess.proposal import propose
-from rig.exchange.importing import import_recording
+from rig.exchange.importing import import_recording, import_table
 from rig.exchange.mapping import read_mapping
 from rig.recording import read_recording
-from rig.runlog import RunError
+from rig.runlog import RunError, read_run
 from tests.rig.exchange.test_exchange_as_found import sheet
 from tests.rig.runlog.test_runlog_import import CLOCKED, HEAD, SIMPLE, TDMS, put, workbook  # noqa: F401 - a fixture
 
@@ -188,6 +189,59 @@ def test_two_files_of_the_same_readings_are_refused(put, tmp_path):  # noqa: F81
 def test_a_mark_of_utf_8_under_another_encoding_is_refused(taken):
     with pytest.raises(RunError, match="begins with the mark of utf-8, and the mapping says cp1252"):
         taken("\ufeffP;n\n2.0;397\n", head=POINT + 'encoding = "cp1252"\n')
+
+
+# Several files in a run, which has one clock
+
+ZERO_AND_SWEEP = '[[files]]\nfile = "zero.csv"\nkind = "zero"\n[[files]]\nfile = "data.csv"\nkind = "steady"\n'
+COASTS = '[[files]]\nfile = "a.csv"\nkind = "transient"\n[[files]]\nfile = "b.csv"\nkind = "transient"\n'
+COAST = "t;P;n\n{0};2.0;397\n{1};1.5;390\n{2};1.0;300\n"
+
+
+def test_a_zero_without_times_holds_its_own_readings(put, tmp_path):  # noqa: F811 - the fixture
+    files = [put("zero.csv", "P;n\n1.01;0\n1.03;0\n"), put("data.csv", "P;n\n2.0;397\n2.1;410\n")]
+    mapping = read_mapping(put("map.toml", POINT + SIMPLE + ZERO_AND_SWEEP))
+    found = recording_of(read_run(import_table(files, mapping, tmp_path / "runs"))).recording
+    zero, sweep = sorted(found.files, key=lambda file: file.kind, reverse=True)
+    assert (zero.kind, zero.columns["pressure_bar_abs"].values) == ("zero", pytest.approx([1.02]))
+    assert sweep.columns["pressure_bar_abs"].values.tolist() == [2.0, 2.1]
+
+
+def test_two_runs_in_time_at_the_same_time_are_refused_and_at_their_own_are_kept_apart(
+    put,  # noqa: F811 - the fixture
+    tmp_path,
+):
+    files = [put("a.csv", COAST.format(0, 1, 2)), put("b.csv", COAST.format(0, 1, 2).replace("397", "396"))]
+    text = POINT + SIMPLE + CLOCKED.format("s") + COASTS
+    with pytest.raises(RunError, match=r"a\.csv and b\.csv are at the same time"):
+        import_table(files, read_mapping(put("map.toml", text)), tmp_path / "runs")
+    assert not (tmp_path / "runs").exists()
+    told = []
+    text += "start_s = 60.0\nnoise_scale = 2.0\n"
+    run = read_run(import_table(files, read_mapping(put("map.toml", text)), tmp_path / "runs", told.append))
+    found = [file.columns["speed_rpm"].values.tolist() for file in recording_of(run).recording.files]
+    assert found == [[397.0, 390.0, 300.0], [396.0, 390.0, 300.0]]
+    assert told == ["b.csv: a run has no noise_scale; make a recording with -o, or it counts as 1"]
+
+
+@pytest.mark.parametrize(("start_s", "is_told"), [(0.0, True), (3600.0, False)])
+def test_dates_of_several_files_that_their_start_does_not_tell_are_told(
+    put,  # noqa: F811 - the fixture
+    tmp_path,
+    start_s,
+    is_told,
+):
+    day = "2024-05-01T{}:00:0"
+    files = [
+        put(name, COAST.format(*(day.format(hour) + str(second) for second in range(3))).replace("397", speed))
+        for name, hour, speed in (("a.csv", 10, "397"), ("b.csv", 11, "396"))
+    ]
+    text = POINT + SIMPLE + CLOCKED.format("ISO") + COASTS + f"start_s = {start_s}\n"
+    told = []
+    import_recording(files, read_mapping(put("map.toml", text)), tmp_path / "out", told.append)
+    assert [words.partition(", by")[0] for words in told] == [
+        "b.csv: by its dates it begins 3600 s after a.csv"
+    ] * is_told
 
 
 # Workbooks
