@@ -205,6 +205,11 @@ def _column(
                 f"{table.place}, line {table.lines[rows[index]]}, {place}: '{shown(str(cell))}' is not {expected}, "
                 f"decimals with '{reads.decimal}'"
             )
+        if not of_day and any(table.shows_date(key, rows[index]) for key in _keys(source)):
+            raise RunError(
+                f"{table.place}, line {table.lines[rows[index]]}, {place}: the workbook shows '{cell}' as a date or a "
+                'time: unit = "Excel days", or was a number taken for a date?'
+            )
         values[index], censor[index] = found
     if name in MEASURED:
         notes += [f"{table.place}, {place}: {words}" for words in numbers_in_doubt(cells, values, reads.decimal)]

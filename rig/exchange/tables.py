@@ -14,7 +14,7 @@ from pathlib import Path
 from rig.exchange.binary.apart import read_apart
 from rig.exchange.binary.columns import MAX_BYTES, MAX_SERIES, Cells
 from rig.exchange.mapping import TableTable
-from rig.exchange.workbook import rows_of
+from rig.exchange.workbook import read_sheet
 from rig.recording.mistakes import shown
 from rig.recording.units import unit_called
 from rig.runlog.folder import RunError, read_bytes
@@ -34,6 +34,7 @@ class Table:
     `clocks`: what there was where columns of several clocks stand on one time line, with empty cells between.
     `units`: by heading, as the file states them.
     `remarks`: what a person should look at.
+    `dated`: of a workbook, line from 1 and column from 0 of numbers that are shown as dates or times.
     `hint`: of text, what its delimiter seems to be where that is another than was said; begins with "; ".
     """
 
@@ -46,6 +47,7 @@ class Table:
     units: dict[str, str] = field(default_factory=dict)
     hint: str = ""
     remarks: Sequence[str] = ()
+    dated: frozenset[tuple[int, int]] = frozenset()
 
     def column(self, key: str | int) -> Cells:
         """A column's cells.
@@ -61,6 +63,10 @@ class Table:
                 "[[files]]"
             )
         return self.columns[at]
+
+    def shows_date(self, key: str | int, row: int) -> bool:
+        """Whether a workbook shows a number of a column as a date or a time."""
+        return bool(self.dated) and (self.lines[row], self._at(key)) in self.dated
 
     def heading(self, key: str | int) -> str:
         """A column's heading, whether it is taken by it or by its place; empty where there is none."""
@@ -220,11 +226,13 @@ def _of_rows(
 
 
 def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
-    (rows, remarks), begin = rows_of(path, sheet), table.heading_line
+    one, begin = read_sheet(path, sheet), table.heading_line
+    rows = one.rows
     headings = rows[begin - 1] if 0 < begin <= len(rows) else []
     first = table.first_line or begin + 1
     numbered = list(enumerate(rows, start=1))[first - 1 :]
     found = _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, numbered, first, table)
     found = _with_units(found, rows[begin : first - 1] if begin else [])
     lines = set(found.lines)
-    return replace(found, remarks=[f"{found.place}, line {at}: {words}" for at, words in remarks if at in lines])
+    remarks = [f"{found.place}, line {at}: {words}" for at, words in one.remarks if at in lines]
+    return replace(found, remarks=remarks, dated=one.dated)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 from xml.etree import ElementTree as Xml
@@ -17,6 +18,9 @@ MAX_PART_BYTES = 200_000_000  # unpacked
 MAX_CELLS = 20_000_000
 Found = TypeVar("Found")
 _SPAN = re.compile(r"[A-Z]\$?([0-9]+):\$?[A-Z]+\$?([0-9]+)")  # the rows from which a formula takes cells
+_DATE_FORMATS = (*range(14, 23), *range(45, 48))  # that every workbook knows
+_NOT_SHOWN = re.compile(r'"[^"]*"|\\.|_.|\[(?!h+\]|m+\]|s+\])[^\]]*\]', re.IGNORECASE)  # of a format: text, colours
+_DATE_LETTER = re.compile(r"[dmyhs]", re.IGNORECASE)
 _REFERENCE = re.compile(r"([A-Z]{1,3})([0-9]{1,7})")
 
 
@@ -25,19 +29,32 @@ def sheet_names(path: Path) -> list[str]:
     return list(_opened(path, _parts_by_name))
 
 
-def rows_of(path: Path, sheet: str) -> tuple[list[list[str]], list[tuple[int, str]]]:
-    """A sheet's rows from the first on, and what a person should look at, each with its line.
+@dataclass(frozen=True)
+class Sheet:
+    """A sheet.
 
-    Raises RunError where the workbook cannot be read, or has no such sheet.
+    `rows`: from the first on.
+    `remarks`: what a person should look at, each with its line from 1.
+    `dated`: line and column, from 1 and 0, of numbers that are shown as a date or a time.
     """
 
-    def read(archive: zipfile.ZipFile) -> tuple[list[list[str]], list[tuple[int, str]]]:
+    rows: list[list[str]]
+    remarks: list[tuple[int, str]]
+    dated: frozenset[tuple[int, int]]
+
+
+def read_sheet(path: Path, sheet: str) -> Sheet:
+    """A sheet. Raises RunError where the workbook cannot be read, or has no such sheet."""
+
+    def read(archive: zipfile.ZipFile) -> Sheet:
         parts = _parts_by_name(archive)
         if sheet not in parts:
             listed = ", ".join(f"'{shown(name)}'" for name in parts)
             raise RunError(f"{path}: name the sheet in [table] or [[files]]: sheet = one of {listed}")
         part = _part(archive, parts[sheet])
-        return _grid(part, _shared(archive)), list(_remarks(part))
+        return Sheet(
+            _grid(part, _shared(archive)), list(_remarks(part)), frozenset(_dated(part, _date_styles(archive)))
+        )
 
     return _opened(path, read)
 
@@ -108,6 +125,32 @@ def _remarks(sheet: Xml.Element) -> Iterator[tuple[int, str]]:
             if any(first != last for first, last in _SPAN.findall(text)):
                 yield number, f"the formula '{shown(text)}' takes several rows; it is read like the others"
                 break
+
+
+def _date_styles(archive: zipfile.ZipFile) -> set[str]:
+    """The styles of cells that show a number as a date or a time."""
+    if "xl/styles.xml" not in archive.namelist():
+        return set()
+    styles = _part(archive, "xl/styles.xml")
+    formats = {str(number) for number in _DATE_FORMATS}
+    formats |= {
+        one.get("numFmtId", "")
+        for one in styles.iter(_tag("numFmt"))
+        if _DATE_LETTER.search(_NOT_SHOWN.sub("", one.get("formatCode", "")).replace("General", ""))
+    }
+    return {
+        str(at)
+        for cells in styles.iter(_tag("cellXfs"))
+        for at, one in enumerate(cells.iter(_tag("xf")))
+        if one.get("numFmtId") in formats
+    }
+
+
+def _dated(sheet: Xml.Element, styles: Container[str]) -> Iterator[tuple[int, int]]:
+    for cell in sheet.iter(_tag("c")):
+        match = _REFERENCE.fullmatch(cell.get("r", ""))
+        if match and cell.get("t", "n") == "n" and cell.get("s") in styles:
+            yield int(match[2]), _letters(match[1])
 
 
 def _grid(sheet: Xml.Element, shared: list[str]) -> list[list[str]]:

@@ -14,7 +14,7 @@ from rig.exchange.cells import Cell
 from rig.exchange.guess.layout import Layout, Rows, is_time, layout_of
 from rig.exchange.mapping import TableTable
 from rig.exchange.tables import lines_of
-from rig.exchange.workbook import rows_of, sheet_names
+from rig.exchange.workbook import read_sheet, sheet_names
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
@@ -188,7 +188,7 @@ def _workbook(path: Path) -> Source:
     reads = Cell(TableTable(reader="xlsx"))
     layouts: dict[str, Layout] = {}
     for name in sheet_names(path):
-        rows = list(enumerate(rows_of(path, name)[0][:LOOKED_LINES], start=1))
+        rows = list(enumerate(read_sheet(path, name).rows[:LOOKED_LINES], start=1))
         layout = layout_of(rows, reads, of_one_width=False)
         if layout is not None:
             layouts[name] = layout

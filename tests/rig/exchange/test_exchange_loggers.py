@@ -1,6 +1,7 @@
 """Files in the manner of loggers: read as they were meant, told where they may be meant otherwise, or refused."""
 
 import re
+import zipfile
 
 import numpy as np
 import pytest
@@ -265,6 +266,36 @@ def test_a_formula_over_several_rows_is_told(taken):
     formula = '<c r="A3"><f>AVERAGE(A$1:A2)</f><v>2.0</v></c>'
     _, told = taken(sheet(formula), head=XLSX, name="data.xlsx")
     assert "line 3: the formula 'AVERAGE(A$1:A2)' takes several rows" in told
+
+
+STYLES = (
+    '<styleSheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><numFmts>'
+    '<numFmt numFmtId="164" formatCode="{}"/></numFmts><cellXfs><xf numFmtId="0"/><xf numFmtId="{}"/></cellXfs>'
+    "</styleSheet>"
+)
+
+
+def dated(code, number=164):
+    """Writes a workbook with a pressure of 2.0 whose cell is shown by a format."""
+
+    def write(path):
+        sheet('<c r="A3" s="1"><v>2.0</v></c>')(path)
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr("xl/styles.xml", STYLES.format(code, number))
+
+    return write
+
+
+@pytest.mark.parametrize(("code", "number"), [("dd/mm/yyyy", 164), ("[h]:mm:ss", 164), ("0.0", 14), ("mm:ss.0", 164)])
+def test_a_number_that_a_workbook_shows_as_a_date_is_refused(taken, code, number):
+    with pytest.raises(RunError, match=r"line 3, column 'P': the workbook shows '2\.0' as a date or a time"):
+        taken(dated(code, number), head=XLSX, name="data.xlsx")
+
+
+@pytest.mark.parametrize("code", ["General", "0.00", "[Red]0.0", "0.00E+00", "0.0 &quot;sd&quot;", "_-* 0.0_-"])
+def test_a_number_that_a_workbook_shows_as_one_is_read(taken, code):
+    found, _ = taken(dated(code), head=XLSX, name="data.xlsx")
+    assert found["pressure_bar_abs"] == [2.0, 2.0]
 
 
 @pytest.mark.parametrize(
