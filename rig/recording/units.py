@@ -110,8 +110,11 @@ _GAUGE = ("gauge", "(gauge)", "g", "(g)", "rel", "(rel)", "ü", "relative")
 PRESSURE_UNITS = {name.removesuffix(" abs") for name in UNITS if name.endswith(" abs")}
 
 
+_RAISED = str.maketrans("¹²³⁻−–", "123---")
+
+
 def _compact(text: str) -> str:
-    return text.replace(" ", "").replace("_", "").replace("³", "3").replace("²", "2")
+    return text.replace(" ", "").replace("_", "").translate(_RAISED)
 
 
 def _aliases() -> dict[str, str]:

@@ -40,7 +40,7 @@ def listed(path: Path) -> list[Listed]:
         Listed(
             group, channel.name, _unit(channel), len(channel),
             cells_of(np.asarray(channel[:FEW]), f"{path}, '{shown(channel.name)}'"),
-            "wf_increment" in channel.properties,
+            _has_clock(channel),
         )
         for group, channels in _groups(path)[0].items()
         for channel in channels
@@ -99,11 +99,17 @@ def _channel(channel: Any, group: Sequence[Any], pieces: Sequence[Piece], place:
 
     cells, remark = marked(cells_of(np.asarray(channel[:]), at), beside, at)
     clock = None
-    if "wf_increment" in channel.properties:
+    if _has_clock(channel):
         clock, anew = _clock_of_pieces(pieces or [(0, channel.properties)], len(cells), at)
         remark = remark or anew
     _refuse_other_scales(pieces, at)
     return Channel(channel.name, cells, clock, _unit(channel), remark)
+
+
+def _has_clock(channel: Any) -> bool:
+    """Whether a channel is a waveform over time; a spectrum has another unit along its axis."""
+    along = str(channel.properties.get("wf_xunit_string", "s")).strip()
+    return "wf_increment" in channel.properties and along in ("", "s", "sec", "seconds")
 
 
 def _unit(channel: Any) -> str:

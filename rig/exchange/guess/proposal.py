@@ -26,6 +26,7 @@ format = "{FORMAT}"
 # kind = "steady"                  # a row a plateau; or "transient": a row a sample; or "zero"
 """
 MOST_WORDS = 8
+MOST_UNKNOWN = 100  # columns that are listed
 AMBIENT = """
 # Unsure: the room is not in the file, and {why}.
 # [ambient]
@@ -43,7 +44,8 @@ def propose(path: Path) -> str:
     if not any(column.name == "time_s" for column in columns):
         parts.append(_column(Proposed("time_s", {}, ("no column is a time; a transient needs one",), "", _PERIOD)))
     if unknown:
-        parts.append("\n# Not proposed, for nothing says what they are:\n" + "".join(f"#   {one}\n" for one in unknown))
+        told = [*unknown[:MOST_UNKNOWN], *[f"and {len(unknown) - MOST_UNKNOWN} more"] * (len(unknown) > MOST_UNKNOWN)]
+        parts.append("\n# Not proposed, for nothing says what they are:\n" + "".join(f"#   {one}\n" for one in told))
     return "".join(parts)
 
 

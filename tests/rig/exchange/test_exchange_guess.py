@@ -115,6 +115,7 @@ def test_what_is_not_sure_stands_as_a_comment_with_the_reason(proposed, content)
 @pytest.mark.parametrize(
     ("heading", "unit", "name"),
     [
+        ("Drehzahl [min⁻¹]", "rpm", "speed_rpm"),
         ("Druck [mbar(a)]", "mbar abs", "pressure"),
         ("P / psig", "psi gauge", "pressure"),
         ("Volumenstrom in l/h", "L/h", "flow_l_min"),

@@ -354,6 +354,17 @@ def test_a_start_that_labview_never_set_is_no_date(taken):
         taken(write, WAVES, head="", name="data.tdms")
 
 
+@pytest.mark.parametrize("unit", ["Hz", "ms"])
+def test_a_tdms_axis_that_is_not_in_seconds_is_no_clock(taken, unit):
+    def write(path):
+        said = {"wf_increment": 1.0, "wf_xunit_string": unit}
+        with TdmsWriter(path) as writer:
+            writer.write_segment([ChannelObject("g", name, np.array([2.0, 1.9]), said) for name in "Pn"])
+
+    with pytest.raises(RunError, match="no column is called '@time'"):
+        taken(write, WAVES, head="", name="data.tdms")
+
+
 def test_a_tdms_channel_whose_unit_changes_is_refused(taken):
     with pytest.raises(RunError, match="'P': its scale or unit is another from sample 3 on"):
         taken(segments(None, None, units=("bar", "kPa")), TDMS + SIMPLE, head="", name="data.tdms")
