@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -10,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from configs.units import STANDARD_BAR, ZERO_C
-from rig.exchange.cells import DAY_S, Cell, iso
-from rig.exchange.doubts import jumps, labelled, numbers_in_doubt
+from rig.exchange.cells import Cell
+from rig.exchange.doubts import jumps, labelled
 from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, RotameterTable, StandardTable
+from rig.exchange.source_columns import cells_of, heading_of, keys_of, read_column
 from rig.exchange.tables import Table
 from rig.exchange.units import MOLAR_MASS, unit_of
 from rig.recording import Column
-from rig.recording.columns import FIGURES, MEASURED
+from rig.recording.columns import FIGURES
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
@@ -61,26 +61,7 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     if not rows:
         raise RunError(f"{table.place}: no row is left of what [[files]] takes")
     converted = Converted(entry, {}, notes=labelled(table, rows, reads))
-    for name, source in mapping.columns.items():
-        if name == "direction":
-            converted.direction = _directions(source, table, rows)
-            continue
-        if source.sample_period_s is not None:
-            times = source.sample_period_s * np.arange(len(rows), dtype=np.float64)
-            converted.columns[name] = Column(times, np.zeros(len(rows), dtype=np.int8))
-            continue
-        cells = _cells(source, table, rows)
-        if name == "time_s":
-            _refuse_other_times(source, table)
-        column = _column(name, source, cells, table, rows, reads, converted.notes)
-        if np.isnan(column.values).all():
-            converted.notes.append(
-                f"{table.place}, column '{_heading(source)}': no number in it, so there is no {name}"
-            )
-            continue
-        converted.columns[name] = column
-        if source.column is not None:
-            converted.cells[name] = [str(cell) for cell in cells]
+    _read_all(mapping, converted, table, rows, reads)
     if not converted.columns:
         raise RunError(f"{table.place}: every cell that the mapping takes is empty")
     converted.lines = lines = [table.lines[row] for row in rows]
@@ -97,6 +78,27 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     thinned = _thinned(mapping, converted, table.place)
     thinned.lines = lines[entry.average_rows - 1 :: entry.average_rows]
     return _at_rest(mapping, thinned, table.place)
+
+
+def _read_all(mapping: MappingFile, converted: Converted, table: Table, rows: list[int], reads: Cell) -> None:
+    """Add the columns of the rows that are taken, with their cells, and what is to be told of them."""
+    for name, source in mapping.columns.items():
+        if name == "direction":
+            converted.direction = _directions(source, table, rows)
+            continue
+        if source.sample_period_s is not None:
+            times = source.sample_period_s * np.arange(len(rows), dtype=np.float64)
+            converted.columns[name] = Column(times, np.zeros(len(rows), dtype=np.int8))
+            continue
+        column, cells = read_column(name, source, table, rows, reads, converted.notes)
+        if np.isnan(column.values).all():
+            converted.notes.append(
+                f"{table.place}, column '{heading_of(source)}': no number in it, so there is no {name}"
+            )
+            continue
+        converted.columns[name] = column
+        if source.column is not None:
+            converted.cells[name] = [str(cell) for cell in cells]
 
 
 def _check(entry: FileTable, converted: Converted, lines: Sequence[int], place: str) -> None:
@@ -137,25 +139,6 @@ def _at_rest(mapping: MappingFile, converted: Converted, place: str) -> Converte
     return converted
 
 
-def _cells(source: ColumnTable, table: Table, rows: list[int]) -> Sequence[str | float | None]:
-    if source.column is None:
-        return [source.constant] * len(rows)
-    if isinstance(source.column, list):
-        date, time = (table.column(key) for key in source.column)
-        return [f"{date[row]} {time[row]}" for row in rows]
-    cells = table.column(source.column)
-    return [cells[row] for row in rows]
-
-
-def _keys(source: ColumnTable) -> list[str | int]:
-    """The columns of the table that a column is made of."""
-    return source.column if isinstance(source.column, list) else [] if source.column is None else [source.column]
-
-
-def _heading(source: ColumnTable) -> str:
-    return shown("' and '".join(map(str, _keys(source))))
-
-
 def _rows(entry: FileTable, table: Table, reads: Cell) -> list[int]:
     """Which rows of the table are taken."""
     count = len(table.columns[0])
@@ -177,136 +160,18 @@ def _read_rows(mapping: MappingFile, entry: FileTable, table: Table, rows: list[
     sources = mapping.columns.values()
     if entry.average_rows > 1 or any(source.sample_period_s is not None for source in sources):
         return rows
-    keys = [key for source in sources for key in _keys(source)]
+    keys = [key for source in sources for key in keys_of(source)]
     columns = [table.column(key) for key in keys]
     return [row for row in rows if any(not isinstance(cells[row], str) or str(cells[row]).strip() for cells in columns)]
-
-
-def _column(
-    name: str,
-    source: ColumnTable,
-    cells: Sequence[str | float | None],
-    table: Table,
-    rows: list[int],
-    reads: Cell,
-    notes: list[str],
-) -> Column:
-    """The cells in the column's unit, before any averaging; a length or an angle stays one."""
-    unit = unit_of(name, source.unit, source.differentiate)
-    of_day = unit.quantity == "time of day"
-    read = reads.time(source.unit) if of_day else reads.reading if name in MEASURED else reads.number
-    place = f"column '{_heading(source)}'"
-    values, censor = np.empty(len(cells)), np.zeros(len(cells), dtype=np.int8)
-    for index, cell in enumerate(cells):
-        found = read(cell if cell is not None else "")
-        if found is None:
-            expected = "a number" if not of_day else f"a time ({source.unit})"
-            raise RunError(
-                f"{table.place}, line {table.lines[rows[index]]}, {place}: '{shown(str(cell))}' is not {expected}, "
-                f"decimals with '{reads.decimal}'"
-            )
-        if not of_day and any(table.shows_date(key, rows[index]) for key in _keys(source)):
-            raise RunError(
-                f"{table.place}, line {table.lines[rows[index]]}, {place}: the workbook shows '{cell}' as a date or a "
-                'time: unit = "Excel days", or was a number taken for a date?'
-            )
-        values[index], censor[index] = found
-    if name in MEASURED:
-        notes += [f"{table.place}, {place}: {words}" for words in numbers_in_doubt(cells, values, reads.decimal)]
-    over, marked = (
-        np.isinf(values),
-        [str(cell).strip() for cell, value in zip(cells, values, strict=True) if value != value],
-    )
-    if source.highest is not None and (values[~over] > source.highest).any():
-        at = int(np.argmax(np.where(over | np.isnan(values), -np.inf, values)))
-        raise RunError(
-            f"{table.place}, line {table.lines[rows[at]]}, {place}: '{shown(str(cells[at]))}' is above highest = "
-            f"{source.highest:g} {source.unit}, which the instrument cannot show"
-        )
-    values[over] = math.nan if source.highest is None else source.highest
-    censor[over & np.isnan(values)] = 0
-    _note(
-        notes,
-        f"{table.place}, {place}",
-        over,
-        source,
-        name,
-        [mark for mark in marked if mark and not (mark == "nan" and table.clocks)],
-    )
-    if of_day:
-        places = [f"{table.place}, line {table.lines[row]}, {place}" for row in rows]
-        _refuse_mixed(cells, places, source.unit == "ISO")
-        values = _from_the_first(values, source.unit, places)
-    if source.drop_repeats:
-        repeats = np.append(False, (np.diff(values) == 0.0) & (np.diff(censor) == 0))
-        values[repeats], censor[repeats] = math.nan, 0
-    values = values * unit.factor / (source.pulses_per_rev or 1.0) + unit.offset
-    return Column(values, censor)
-
-
-def _note(notes: list[str], place: str, over: np.ndarray, source: ColumnTable, name: str, marked: list[str]) -> None:
-    """Say how many cells were no plain numbers, and what was made of them."""
-    if over.any() and source.highest is None:
-        notes.append(
-            f"{place}: over range {over.sum()} times, taken as missing; with [columns.{name}] highest = .. they count "
-            "as more than that"
-        )
-    elif over.any():
-        notes.append(f"{place}: over range {over.sum()} times, taken as more than {source.highest:g} {source.unit}")
-    if marked:
-        told = ", ".join(f"'{shown(mark)}'" for mark in sorted(set(marked))[:5])
-        notes.append(f"{place}: no reading {len(marked)} times ({told}), taken as missing")
-
-
-def _from_the_first(values: NDArray[np.float64], unit: str, places: Sequence[str]) -> NDArray[np.float64]:
-    """Times counted from the first row; a time of day that falls back by half a day has passed midnight."""
-    if unit == "hh:mm:ss":
-        values = values + DAY_S * np.cumsum(np.diff(values, prepend=values[0]) < -DAY_S / 2.0)
-    back = np.diff(values) < 0.0
-    if back.any():
-        at = int(back.argmax())
-        raise RunError(
-            f"{places[at + 1]}: the clock goes back by {values[at] - values[at + 1]:g} s; was it set, as "
-            "for the end of summer time, or was the logger started again? Take the rows before and after as two of "
-            "[[files]]"
-        )
-    return values - values[0]
-
-
-def _refuse_mixed(cells: Sequence[str | float | None], places: Sequence[str], is_iso: bool) -> None:
-    """Refuse times of which some tell their offset from UTC, or AM and PM, and others do not."""
-    if is_iso:
-        told = [(time := iso(cell or "")) is not None and time.tzinfo is not None for cell in cells]
-    else:
-        told = [str(cell).strip().rstrip(".").endswith(("m", "M")) for cell in cells]
-    if len(set(told)) > 1:
-        other = told.index(not told[0])
-        raise RunError(
-            f"{places[other]}: '{shown(str(cells[other]))}' and '{shown(str(cells[0]))}' before it: one tells "
-            f"{'its offset from UTC' if is_iso else 'AM or PM'}, and the other does not"
-        )
-
-
-def _refuse_other_times(source: ColumnTable, table: Table) -> None:
-    """Refuse the time of one channel where others have their own under the same heading, as in LabVIEW's tables."""
-    keys = _keys(source)
-    heading = table.heading(keys[0]) if len(keys) == 1 else ""
-    places = [at for at, other in enumerate(table.headings) if heading and other == heading]
-    if len({tuple(table.columns[at]) for at in places}) > 1:
-        listed = ", ".join(str(at + 1) for at in places[:9])
-        raise RunError(
-            f"{table.place}: columns {listed} are all called '{shown(heading)}' and differ, as where each channel has "
-            "its own times; save the channels on one clock"
-        )
 
 
 def _directions(source: ColumnTable, table: Table, rows: list[int]) -> NDArray[np.str_]:
     words = source.words or {"up": "up", "down": "down"}
     found = []
-    for row, cell in zip(rows, _cells(source, table, rows), strict=True):
+    for row, cell in zip(rows, cells_of(source, table, rows), strict=True):
         word = words.get(str(cell).strip(), "") if str(cell).strip() else "-"
         if word not in ("up", "down", "-"):
-            place = f"{table.place}, line {table.lines[row]}, column '{_heading(source)}'"
+            place = f"{table.place}, line {table.lines[row]}, column '{heading_of(source)}'"
             raise RunError(f"{place}: '{shown(str(cell))}' is neither up nor down; say it in words = {{..}}")
         found.append(word.strip("-"))
     return np.array(found, dtype="<U4")
@@ -346,7 +211,7 @@ def _bring_to_inlet(mapping: MappingFile, converted: Converted, place: str) -> N
     if lost.size:
         lines = ", ".join(str(converted.lines[row]) for row in lost[:5]) + ", ..." * (lost.size > 5)
         converted.notes.append(
-            f"{place}, line {lines}, column '{_heading(source)}': {lost.size} left out: the flow's unit needs the "
+            f"{place}, line {lines}, column '{heading_of(source)}': {lost.size} left out: the flow's unit needs the "
             "inlet's pressure and temperature, and a cell of these is empty there"
         )
     converted.columns["flow_l_min"] = Column(flow.values * ratio, np.where(np.isnan(ratio), 0, flow.censor))

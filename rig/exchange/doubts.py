@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.exchange.cells import Cell
-from rig.exchange.guess.headings import read_heading
+from rig.exchange.headings import read_heading
 from rig.exchange.mapping import MappingFile
 from rig.exchange.tables import Table
 from rig.recording.columns import PRESSURE

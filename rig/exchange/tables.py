@@ -96,9 +96,9 @@ def read_table(
 ) -> Table:
     """Read a table.
 
-    `taken`: first and last row from 1 that are taken; what stands before and behind may be no rows of the table.
     `wanted`: headings and places of the columns that are taken, of all for none. Channels that are not taken may have
         another clock.
+    `taken`: first and last row from 1 that are taken; what stands before and behind may be no rows of the table.
     Raises RunError when the file is not what the mapping says.
     """
     if table.reader == "csv":

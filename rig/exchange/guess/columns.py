@@ -9,9 +9,9 @@ from itertools import pairwise
 
 from rig.exchange.binary.columns import WAVEFORM_TIME
 from rig.exchange.cells import DAY_S, Cell
-from rig.exchange.guess.headings import INLET, Heading, read_heading
 from rig.exchange.guess.layout import DATE, TIME_OF_DAY
 from rig.exchange.guess.look import Key, Seen, Source
+from rig.exchange.headings import INLET, Heading, read_heading
 from rig.exchange.units import known_units
 from rig.recording.columns import MEASURED, PRESSURE
 from rig.recording.mistakes import shown

@@ -14,8 +14,8 @@ import pytest
 from scipy.io import savemat
 
 from configs import ConfigError
-from rig.exchange.guess.headings import read_heading
 from rig.exchange.guess.proposal import propose
+from rig.exchange.headings import read_heading
 from rig.exchange.importing import import_recording
 from rig.exchange.mapping import read_mapping
 from rig.exchange.samples.export import export_samples
