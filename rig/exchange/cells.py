@@ -57,7 +57,7 @@ class Cell:
                 return None
             cell = cell.replace(",", ".")
         match = _NUMBER.fullmatch(cell)
-        value = float(re.sub(r"\s", "", match[2])) if match else math.inf  # such as +  2.00
+        value = float("".join(match[2].split())) if match else math.inf  # such as +  2.00
         return (value, _SIGN[match[1]]) if match and not math.isinf(value) else None
 
     def time(self, unit: str) -> Callable[[str | float], tuple[float, int] | None]:
@@ -110,6 +110,16 @@ def iso(cell: str | float) -> datetime.datetime | None:
         return None if text.isdigit() and len(text) > 8 else datetime.datetime.fromisoformat(text)
     except (ValueError, OverflowError):
         return None
+
+
+def date_in(cell: str | float, unit: str) -> datetime.date | None:
+    """The day that a time tells in a unit; None where it tells none, or a year of two digits."""
+    time = iso(cell) if unit == "ISO" else None
+    if time is not None:
+        return time.date()
+    found = _dated(cell, DATED[unit]) if unit in DATED else None
+    day = None if found is None else datetime.date.fromordinal(int(found[0] // DAY_S))
+    return day if day is not None and day.year >= 100 else None
 
 
 def _iso_time(cell: str | float) -> tuple[float, int] | None:

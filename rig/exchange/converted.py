@@ -85,6 +85,8 @@ def _read_all(mapping: MappingFile, converted: Converted, table: Table, rows: li
     for name, source in mapping.columns.items():
         if name == "direction":
             converted.direction = _directions(source, table, rows)
+            if not converted.direction.astype(bool).any():
+                converted.notes.append(f"{table.place}, column '{heading_of(source)}': no word in it")
             continue
         if source.sample_period_s is not None:
             times = source.sample_period_s * np.arange(len(rows), dtype=np.float64)

@@ -24,6 +24,8 @@ STAND_INS |= {sign * one for sign in (1.0, -1.0) for one in (999.0, 999.9, 9999.
 STAND_INS |= {3276.7, -3276.8, 6553.5, -888.88, -7999.0}
 FAR = 3.0  # how many times the largest of the others such a number is, or it is below 0 alone
 LEAST_IN_FULL = 100.0  # beside numbers in thousands there are some of three digits
+TIME_UNITS = ("s", "ms", "us", "min", "h")
+SAME_SHARE = 1e-3  # of a span of time
 _DIGIT = re.compile(r"\d")
 
 
@@ -93,6 +95,44 @@ def _stand_ins(cells: Sequence[str | float | None], values: NDArray[np.float64])
         f"name it in [table] invalid = ['{shown(word)}']"
         for word, count in words.items()
     ]
+
+
+def other_times(mapping: MappingFile, table: Table) -> list[str]:
+    """Columns that are not taken and look like the times of other channels, as where each has its own."""
+    source = mapping.columns.get("time_s")
+    if source is None or source.column is None or isinstance(source.column, list) or source.unit not in TIME_UNITS:
+        return []
+    reads, taken = Cell(mapping.table), {column.column for column in mapping.columns.values()} - {None}
+    own = _increasing(table.column(source.column), reads)
+    notes = []
+    for at, heading in enumerate(table.headings if own is not None else []):
+        found = read_heading(heading)
+        if heading in taken or at + 1 in taken or "time_s" not in (*found.by_unit, *found.by_words):
+            continue
+        other = _increasing(table.columns[at], reads)
+        if other is not None and own is not None and _of_another_clock(own, other):
+            notes.append(
+                f"{table.place}: '{shown(heading)}' is a time too, and another than '{shown(str(source.column))}': has "
+                "each channel its own? All are taken at the latter"
+            )
+    return notes
+
+
+def _increasing(cells: Sequence[str | float], reads: Cell) -> NDArray[np.float64] | None:
+    """Cells as numbers that increase from row to row; None where they are anything else."""
+    found = [reads.number(cell) for cell in cells]
+    values = np.array([np.nan if one is None else one[0] for one in found])
+    return values if values.size > 2 and (np.diff(values) > 0.0).all() else None
+
+
+def _of_another_clock(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Whether times are other moments, not the same in another unit or from another beginning."""
+    spans = [values[-1] - values[0] for values in (one, other)]
+    shares = [(values - values[0]) / span for values, span in zip((one, other), spans, strict=True)]
+    if np.abs(shares[0] - shares[1]).max() > SAME_SHARE:
+        return True
+    same_unit = abs(spans[0] - spans[1]) < SAME_SHARE * spans[0]
+    return bool(same_unit and SAME_SHARE * spans[0] / one.size < abs(one[0] - other[0]) < spans[0])
 
 
 def other_units(mapping: MappingFile, table: Table) -> list[str]:

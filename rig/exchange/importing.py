@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.exchange.converted import Converted, convert
-from rig.exchange.doubts import numbers_for_headings, other_units
+from rig.exchange.doubts import numbers_for_headings, other_times, other_units
 from rig.exchange.export import NOTES
 from rig.exchange.mapping import FileTable, Mapping
 from rig.exchange.placing import starts_by_dates, times_on_one_clock
@@ -155,7 +155,12 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
         table = read_table(path, mapping.file.table, entry.sheet, entry.group, [*wanted, *only], entry.rows)
         _refuse_gaps(mapping, entry, table)
         part = convert(mapping.file, entry, table)
-        part.notes += [*other_units(mapping.file, table), *numbers_for_headings(mapping.file, table), *table.remarks]
+        part.notes += [
+            *other_units(mapping.file, table),
+            *other_times(mapping.file, table),
+            *numbers_for_headings(mapping.file, table),
+            *table.remarks,
+        ]
         part.notes += [f"{table.place}: {table.clocks}; on one time line, with empty cells between"] * bool(
             table.clocks
         )

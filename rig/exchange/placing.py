@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.exchange.cells import Cell
+from rig.exchange.cells import Cell, date_in
 from rig.exchange.converted import Converted
 from rig.exchange.mapping import MappingFile
 from rig.readings import NS
@@ -54,6 +55,17 @@ def _clash(parts: Sequence[Converted], placed: dict[int, NDArray[np.int64]], one
     return bool(placed[one].min() <= placed[other].max() and placed[other].min() <= placed[one].max())
 
 
+def _of_another_day(mapping: MappingFile, part: Converted, cell: str) -> list[str]:
+    """In words, where the first time is of another day than [origin] date; a day's difference is one of time zones."""
+    day, said = date_in(cell, mapping.columns["time_s"].unit), mapping.origin.date
+    if day is None or not said:
+        return []
+    stated = datetime.date.fromisoformat(said[:10])
+    if abs((day - stated).days) <= 1:
+        return []
+    return [f"{part.entry.file}: its times begin on {day}, and [origin] date says {stated}"]
+
+
 def starts_by_dates(mapping: MappingFile, parts: Sequence[Converted]) -> list[str]:
     """In words, where the dates of several files tell another distance between them than `start_s` does."""
     source = mapping.columns.get("time_s")
@@ -65,6 +77,7 @@ def starts_by_dates(mapping: MappingFile, parts: Sequence[Converted]) -> list[st
         began = read(part.cells["time_s"][0]) if part.cells.get("time_s") else None
         if began is None:
             continue
+        notes += _of_another_day(mapping, part, part.cells["time_s"][0])
         first = first or (part, began[0])
         after, said = began[0] - first[1], part.entry.start_s - first[0].entry.start_s
         if abs(after - said) > SAME_START_S:

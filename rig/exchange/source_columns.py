@@ -109,8 +109,9 @@ def _refuse_dates(
     where: Where,
 ) -> None:
     """Refuse numbers that a workbook shows as dates."""
-    for index, row in enumerate(rows if table.dated else []):
-        if any(table.shows_date(key, row) for key in keys_of(source)):
+    dated = {line for key in keys_of(source) for line in table.lines_with_dates(key)}
+    for index, row in enumerate(rows if dated else []):
+        if table.lines[row] in dated:
             raise RunError(
                 f"{where(index)}: the workbook shows '{shown(str(cells[index]))}' as a date or a time: unit = \"Excel "
                 'days", or was a number taken for a date?'

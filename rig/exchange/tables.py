@@ -64,9 +64,10 @@ class Table:
             )
         return self.columns[at]
 
-    def shows_date(self, key: str | int, row: int) -> bool:
-        """Whether a workbook shows a number of a column as a date or a time."""
-        return bool(self.dated) and (self.lines[row], self._at(key)) in self.dated
+    def lines_with_dates(self, key: str | int) -> set[int]:
+        """Lines in which a workbook shows a number of a column as a date or a time."""
+        at = self._at(key)
+        return {line for line, column in self.dated if column == at}
 
     def heading(self, key: str | int) -> str:
         """A column's heading, whether it is taken by it or by its place; empty where there is none."""

@@ -245,6 +245,36 @@ def test_dates_of_several_files_that_their_start_does_not_tell_are_told(
     ] * is_told
 
 
+@pytest.mark.parametrize(("day", "is_told"), [("2024-05-01", False), ("2024-05-02", False), ("2024-06-01", True)])
+@pytest.mark.parametrize(("unit", "cell"), [("ISO", "2024-05-01T10:00:00"), ("D.M.Y h:m:s", "01.05.2024 10:00:00")])
+def test_times_of_another_day_than_the_mapping_states_are_told(taken, day, is_told, unit, cell):
+    head = POINT.replace("[table]", f'[origin]\ndate = "{day}"\n[table]')
+    _, told = taken(f"t;P;n\n{cell};2.0;397\n", SIMPLE + CLOCKED.format(unit), head)
+    assert ("its times begin on 2024-05-01, and [origin] date says 2024-06-01" in told) == is_told
+
+
+OTHER_TIMES = {
+    "later by half a step": ("t_n [s]", ["0.05", "0.15", "0.25"], True),
+    "at another rate": ("Time 2 (s)", ["0.0", "0.1", "0.3"], True),
+    "in another unit": ("t [ms]", ["0", "100", "200"], False),
+    "from another beginning": ("time (s)", ["1000.0", "1000.1", "1000.2"], False),
+    "of another quantity": ("x", ["0.05", "0.15", "0.25"], False),
+}
+
+
+@pytest.mark.parametrize("name", OTHER_TIMES)
+def test_times_of_another_channel_are_told(taken, name):
+    heading, times, is_told = OTHER_TIMES[name]
+    csv = f"t;P;{heading};n\n" + "".join(f"{0.1 * at:.1f};2.0;{time};397\n" for at, time in enumerate(times))
+    _, told = taken(csv, SIMPLE + CLOCKED.format("s"))
+    assert (f"'{heading}' is a time too, and another than 't'" in told) == is_told
+
+
+def test_an_empty_column_of_directions_is_told(taken):
+    columns = SIMPLE + '[columns.direction]\ncolumn = "d"\n'
+    assert "column 'd': no word in it" in taken("P;n;d\n2.0;397;\n", columns)[1]
+
+
 # Workbooks
 
 XLSX = TDMS.replace("tdms", "xlsx") + 'sheet = "one"\n'
