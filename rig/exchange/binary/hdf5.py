@@ -49,6 +49,8 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
         place = f"{path}, group '{shown(group)}'" if group else str(path)
         if not isinstance(root, h5py.Group):
             raise RunError(f"{place}: not a group")
+        if any(isinstance(key, int) for key in wanted):
+            raise RunError(f"{place}: the datasets of an HDF5 file have no order; take them by their paths")
         names = [str(key) for key in wanted if key != WAVEFORM_TIME] if by_name(wanted) else _names(root, path)
         channels = [_channel(root, name, path, place, wanted) for name in dict.fromkeys(names)]
         return on_one_time_line(place, channels, wanted)

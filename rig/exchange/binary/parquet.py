@@ -40,11 +40,15 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
             channels = _channels(file, path)
             taken = [one for one in channels if not by_name(wanted) or one.name in wanted]
             return on_one_time_line(str(path), taken or channels, wanted)
-        names = file.schema_arrow.names
-        asked = [name for name in dict.fromkeys(names) if name in wanted] if by_name(wanted) else names
         if WAVEFORM_TIME in wanted:
             raise RunError(f"{path}: its columns have no clock of their own; take one of them as time_s")
-        taken = [_column(file, path, name) for name in asked or names]
+        names = file.schema_arrow.names
+        places = range(1, len(names) + 1)
+        asked = {names[key - 1] if isinstance(key, int) else key for key in wanted if key in names or key in places}
+        if by_name(wanted):
+            names = [name for name in dict.fromkeys(names) if name in asked] or names
+        blank: Cells = [""] * file.metadata.num_rows  # for what is not taken, and may be no column
+        taken = [_column(file, path, name) if name in asked else Channel(name, blank) for name in names]
         return on_one_time_line(str(path), taken, wanted)
 
 
@@ -55,9 +59,15 @@ def listed(path: Path) -> list[Listed]:
         if _is_run(file):
             found = _channels(file, path)
         else:
-            names = [name for name in file.schema_arrow.names if not _is_nested(file, name)]
-            found = [_column(file, path, name) for name in names]
+            found = [one for name in file.schema_arrow.names if (one := _listed(file, path, name)) is not None]
         return [Listed("", one.name, one.unit, len(one.cells), one.cells[:FEW], one.clock is not None) for one in found]
+
+
+def _listed(file: Any, path: Path, name: str) -> Channel | None:
+    try:
+        return _column(file, path, name)
+    except RunError:  # it is no column
+        return None
 
 
 def _opened(stream: Any, path: Path) -> Any:

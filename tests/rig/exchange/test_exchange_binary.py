@@ -177,6 +177,15 @@ def test_a_channel_without_a_clock_is_not_laid_on_that_of_another(hdf5, imported
     assert found["speed_rpm"].tolist() == [300.0, 200.0, 100.0]
 
 
+def test_datasets_have_no_order_and_are_not_taken_by_place(hdf5, imported):
+    def fill(file):
+        file["n"], file["P"] = [397.0], [2.0]
+
+    text = mapping_text("hdf5", "steady", pressure_bar_abs="P", speed_rpm="n").replace('"n"', "2")
+    with pytest.raises(RunError, match="have no order; take them by their paths"):
+        imported(hdf5(fill), text)
+
+
 def test_the_time_track_is_in_seconds(tmp_path):
     (tmp_path / "map.toml").write_text(mapping_text("hdf5", **LOGS).replace('unit = "s"', 'unit = "ms"'))
     with pytest.raises(RunError, match="'@time' is in seconds"):

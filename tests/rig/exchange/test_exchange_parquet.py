@@ -7,6 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from rig.exchange.guess.proposal import propose
 from tests.rig.exchange.test_exchange_as_found import given  # noqa: F401 - a fixture
 from tests.rig.runlog.test_runlog_import import CLOCKED, SIMPLE, put  # noqa: F401 - a fixture
 
@@ -58,3 +59,11 @@ def test_what_is_no_column_of_a_parquet_file_is_refused(given, name):  # noqa: F
     code, said, _ = given(parquet(table), reader="parquet")
     assert (code, words in said) == (2, True), said
     assert "Traceback" not in said
+
+
+def test_a_column_that_is_none_does_not_hide_the_others(given, tmp_path):  # noqa: F811 - the fixture
+    table = pa.table({"P": [2.0], "raw": pa.array([b"x"]), "lists": pa.array([[1.0]]), "n [rpm]": [397.0]})
+    by_place = SIMPLE.replace('"P"', "1").replace('"n"', "4")
+    code, _, made = given(parquet(table), by_place, reader="parquet")
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0"])
+    assert 'column = "n [rpm]"' in propose(tmp_path / "data.parquet")
