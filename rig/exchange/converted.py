@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from configs.units import STANDARD_BAR, ZERO_C
 from rig.exchange.cells import Cell
-from rig.exchange.doubts import jumps, labelled
+from rig.exchange.doubts import jumps, labelled, uncounted
 from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, RotameterTable, StandardTable
 from rig.exchange.source_columns import cells_of, heading_of, keys_of, read_column
 from rig.exchange.tables import Table
@@ -89,8 +89,9 @@ def _read_all(mapping: MappingFile, converted: Converted, table: Table, rows: li
                 converted.notes.append(f"{table.place}, column '{heading_of(source)}': no word in it")
             continue
         if source.sample_period_s is not None:
-            times = source.sample_period_s * np.arange(len(rows), dtype=np.float64)
+            times = source.sample_period_s * (np.array(rows, dtype=np.float64) - rows[0])
             converted.columns[name] = Column(times, np.zeros(len(rows), dtype=np.int8))
+            converted.notes += uncounted(table, rows)
             continue
         column, cells = read_column(name, source, table, rows, reads, converted.notes)
         if np.isnan(column.values).all():

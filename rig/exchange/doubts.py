@@ -45,6 +45,16 @@ def labelled(table: Table, rows: list[int], reads: Cell) -> list[str]:
     return []
 
 
+def uncounted(table: Table, rows: Sequence[int]) -> list[str]:
+    """Empty lines among the rows that are taken, which a period between the rows does not count."""
+    lines = np.array(table.lines[rows[0] : rows[-1] + 1])
+    gaps = lines[1:][np.diff(lines) > 1]
+    told = (
+        f"{table.place}, line {', '.join(map(str, gaps[:5]))}{', ...' * (gaps.size > 5)}: empty lines before it are no"
+    )
+    return [f"{told} rows, and sample_period_s does not count them"] if gaps.size else []
+
+
 def jumps(times: NDArray[np.float64], lines: Sequence[int], place: str) -> list[str]:
     """Where the clock of a run goes on by far more than it does from row to row, in words."""
     steps = np.diff(times)

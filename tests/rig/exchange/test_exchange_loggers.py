@@ -187,6 +187,24 @@ def test_two_files_of_the_same_readings_are_refused(put, tmp_path):  # noqa: F81
         import_recording(files, mapping, tmp_path / "out")
 
 
+def test_a_period_counts_the_rows_that_only_leaves_out(taken):
+    period = "[columns.time_s]\nsample_period_s = 0.5\n"
+    only = RUN.replace('"data"', '"data.csv"') + 'only = {column = "k", equals = "a"}\n'
+    found, told = taken("P;n;k\n2;400;b\n2;399;a\n2;398;b\n2;397;a\n2;396;a\n", SIMPLE + period + only)
+    assert (found["time_s"], found["speed_rpm"], told) == ([0.0, 1.0, 1.5], [399.0, 397.0, 396.0], "")
+
+
+def test_an_empty_line_that_a_period_does_not_count_is_told(taken):
+    period = "[columns.time_s]\nsample_period_s = 0.5\n"
+    found, told = taken("P;n\n2;400\n;\n2;398\n\n", SIMPLE + period)
+    assert found["time_s"] == [0.0, 0.5]
+    assert (
+        told
+        == f"{told.partition(', line')[0]}, line 4: empty lines before it are no rows, and sample_period_s does not "
+        "count them"
+    )
+
+
 def test_a_mark_of_utf_8_under_another_encoding_is_refused(taken):
     with pytest.raises(RunError, match="begins with the mark of utf-8, and the mapping says cp1252"):
         taken("\ufeffP;n\n2.0;397\n", head=POINT + 'encoding = "cp1252"\n')
