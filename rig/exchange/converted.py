@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from configs.units import STANDARD_BAR, ZERO_C
 from rig.exchange.cells import Cell
-from rig.exchange.doubts import jumps, labelled, uncounted
+from rig.exchange.doubts import jumps, labelled, turning, uncounted
 from rig.exchange.mapping import ColumnTable, FileTable, MappingFile, RotameterTable, StandardTable
 from rig.exchange.source_columns import cells_of, heading_of, keys_of, read_column
 from rig.exchange.tables import Table
@@ -75,6 +75,8 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
         _check(entry, converted, lines, table.place)
     if entry.kind == "transient" and "time_s" in converted.columns:
         converted.notes += jumps(converted.columns["time_s"].values, lines, table.place)
+    if entry.kind == "zero" and "speed_rpm" in converted.columns:
+        converted.notes += turning(converted.columns["speed_rpm"].values, lines, table.place)
     thinned = _thinned(mapping, converted, table.place)
     thinned.lines = lines[entry.average_rows - 1 :: entry.average_rows]
     return _at_rest(mapping, thinned, table.place)

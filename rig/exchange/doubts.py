@@ -25,6 +25,7 @@ STAND_INS |= {3276.7, -3276.8, 6553.5, -888.88, -7999.0}
 FAR = 3.0  # how many times the largest of the others such a number is, or it is below 0 alone
 LEAST_IN_FULL = 100.0  # beside numbers in thousands there are some of three digits
 TIME_UNITS = ("s", "ms", "us", "min", "h")
+TURNS_RPM = 10.0  # that no tachometer shows of a rotor at rest
 SAME_SHARE = 1e-3  # of a span of time
 _DIGIT = re.compile(r"\d")
 
@@ -53,6 +54,16 @@ def uncounted(table: Table, rows: Sequence[int]) -> list[str]:
         f"{table.place}, line {', '.join(map(str, gaps[:5]))}{', ...' * (gaps.size > 5)}: empty lines before it are no"
     )
     return [f"{told} rows, and sample_period_s does not count them"] if gaps.size else []
+
+
+def turning(speeds: NDArray[np.float64], lines: Sequence[int], place: str) -> list[str]:
+    """The first row of a zero in which the rotor seems to turn, in words. `speeds`: [rpm], shape (n,)."""
+    at = int(np.argmax(np.nan_to_num(speeds) > TURNS_RPM))
+    if not speeds[at] > TURNS_RPM:
+        return []
+    return [
+        f"{place}, line {lines[at]}: a zero is read with the rotor at rest, and here it turns at {speeds[at]:g} rpm"
+    ]
 
 
 def jumps(times: NDArray[np.float64], lines: Sequence[int], place: str) -> list[str]:
@@ -154,10 +165,16 @@ def other_units(mapping: MappingFile, table: Table) -> list[str]:
         heading = table.heading(column.column)
         stated = table.units.get(heading, "") or _unit_in(heading, name)
         same = (column.unit, column.unit.removesuffix(" abs").removesuffix(" gauge"))
-        if stated.strip() not in ("", "-", "1") and unit_called(stated.partition(" since ")[0]) not in same:
+        known, is_absolute = unit_called(stated.partition(" since ")[0]), read_heading(heading).is_absolute
+        if stated.strip() not in ("", "-", "1") and known not in same:
             notes.append(
                 f"{table.place}, '{shown(heading)}': the file says '{shown(stated)}', the mapping "
                 f"'{column.unit}' for {name}; the mapping's is taken"
+            )
+        elif name in PRESSURE and is_absolute is (name == PRESSURE[1]) and known != column.unit:
+            says = "absolute" if is_absolute else "gauge"
+            notes.append(
+                f"{table.place}, '{shown(heading)}': the heading says {says}, the mapping {name}; is it right?"
             )
     return notes
 

@@ -91,6 +91,12 @@ TOLD = {
         "'P, kPa': the file says 'kPa', the mapping 'bar abs'",
     ),
     "a unit in a heading that is taken by its place": ("P [kPa];n\n2.0;397\n", PLACES, "the file says 'kPa'"),
+    "a gauge pressure": ("Überdruck [bar];n\n2.0;397\n", PLACES, "'Überdruck [bar]': the heading says gauge"),
+    "a zero of a rotor that turns": (
+        "P;n\n1.0;0\n1.0;397\n",
+        SIMPLE + ROWS.replace("steady", "zero"),
+        "line 3: a zero is read with the rotor at rest, and here it turns at 397 rpm",
+    ),
     "a row that is taken twice": (
         "P;n\n2.0;397\n2.1;398\n2.2;399\n",
         SIMPLE + ROWS + ROWS.replace("1, 2", "2, 3"),
