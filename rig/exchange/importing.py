@@ -10,13 +10,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from rig.exchange.converted import Converted, convert
 from rig.exchange.doubts import numbers_for_headings, other_times, other_units
 from rig.exchange.export import NOTES
 from rig.exchange.mapping import FileTable, Mapping
-from rig.exchange.placing import starts_by_dates, times_on_one_clock
+from rig.exchange.placing import capture_of, starts_by_dates, times_on_one_clock
 from rig.exchange.tables import Table, read_table
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
@@ -74,7 +72,8 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path, tell: Tell
     with tempfile.TemporaryDirectory() as place:
         _write(parts, mapping, Path(place) / "recording")
     times = times_on_one_clock(mapping.path, parts)
-    for part in parts:
+    for part, times_ns in zip(parts, times, strict=True):
+        capture_of(part, times_ns)  # which may refuse it
         if part.entry.noise_scale != 1.0:
             tell(f"{part.entry.file}: a run has no noise_scale; make a recording with -o, or it counts as 1")
     start = _start(mapping, columns)
@@ -283,7 +282,7 @@ def _write_part(writer: RunWriter, part: Converted, times_ns: list[int], plateau
     if part.entry.kind == "zero":
         writer.event(ZERO, last, which=part.entry.file, vented=True, **span)
     elif part.entry.kind == "transient":
-        writer.event(CAPTURE, last, capture=_which(part), file=part.entry.file, **span, **_supply(part, times_ns))
+        writer.event(CAPTURE, last, file=part.entry.file, **span, **capture_of(part, times_ns))
     return plateaus
 
 
@@ -312,19 +311,3 @@ def _plateau(part: Converted, row: int, number: int, time_ns: int, readings: tup
             cells[reading.channel] = f"{off}{reading.value!r}" if off else reading.value
             cells[f"{reading.channel}_n"] = 1
     return cells
-
-
-def _which(part: Converted) -> str:
-    """A transient is taken for a coast-down unless it ends faster than it began."""
-    speed = part.columns.get("speed_rpm")
-    known = speed.values[~np.isnan(speed.values)] if speed is not None else np.zeros(0)
-    return "spin-up" if known.size and known[-1] > known[0] else "coast-down"
-
-
-def _supply(part: Converted, times_ns: list[int]) -> dict[str, float]:
-    """When the supply was switched, where a column says it."""
-    flags = part.columns.get("supply_open")
-    if flags is None:
-        return {}
-    switched = np.flatnonzero(np.diff(flags.values) != 0.0)
-    return {"event_s": times_ns[int(switched[0]) + 1] / NS} if switched.size else {}

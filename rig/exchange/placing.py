@@ -55,6 +55,30 @@ def _clash(parts: Sequence[Converted], placed: dict[int, NDArray[np.int64]], one
     return bool(placed[one].min() <= placed[other].max() and placed[other].min() <= placed[one].max())
 
 
+def capture_of(part: Converted, times_ns: Sequence[int]) -> dict[str, object]:
+    """What a run says of a run in time: a coast-down or a spin-up, and when the supply was shut or opened.
+
+    `supply_open` decides; without it, what ends faster than it began is a spin-up.
+    Raises RunError where the supply is switched more than once, which a run cannot tell.
+    """
+    flags, speed = part.columns.get("supply_open"), part.columns.get("speed_rpm")
+    if flags is None or part.entry.kind != "transient":
+        read = speed.values[~np.isnan(speed.values)] if speed is not None else np.zeros(0)
+        return {"capture": "spin-up" if read.size and read[-1] > read[0] else "coast-down"}
+    known = np.flatnonzero(~np.isnan(flags.values))
+    is_open = flags.values[known] > 0.5
+    switched = np.flatnonzero(np.diff(is_open)) + 1
+    if switched.size > 1:
+        lines = ", ".join(str(part.lines[known[at]]) for at in switched[:5])
+        raise RunError(
+            f"{part.entry.file}, line {lines}: supply_open changes more than once, and a run in time has one change: "
+            "take each part as one of [[files]], or make a recording with -o"
+        )
+    at = int(switched[0]) if switched.size else 0
+    event_s = times_ns[int(known[at])] / NS if switched.size else min(times_ns) / NS
+    return {"capture": "spin-up" if is_open[at] else "coast-down", "event_s": event_s}
+
+
 def _of_another_day(mapping: MappingFile, part: Converted, cell: str) -> list[str]:
     """In words, where the first time is of another day than [origin] date; a day's difference is one of time zones."""
     day, said = date_in(cell, mapping.columns["time_s"].unit), mapping.origin.date

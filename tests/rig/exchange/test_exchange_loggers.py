@@ -220,6 +220,7 @@ def test_a_mark_of_utf_8_under_another_encoding_is_refused(taken):
 
 ZERO_AND_SWEEP = '[[files]]\nfile = "zero.csv"\nkind = "zero"\n[[files]]\nfile = "data.csv"\nkind = "steady"\n'
 COASTS = '[[files]]\nfile = "a.csv"\nkind = "transient"\n[[files]]\nfile = "b.csv"\nkind = "transient"\n'
+SUPPLY = '[columns.supply_open]\ncolumn = "v"\nunit = "0/1"\n'
 COAST = "t;P;n\n{0};2.0;397\n{1};1.5;390\n{2};1.0;300\n"
 
 
@@ -247,6 +248,38 @@ def test_two_runs_in_time_at_the_same_time_are_refused_and_at_their_own_are_kept
     found = [file.columns["speed_rpm"].values.tolist() for file in recording_of(run).recording.files]
     assert found == [[397.0, 390.0, 300.0], [396.0, 390.0, 300.0]]
     assert told == ["b.csv: a run has no noise_scale; make a recording with -o, or it counts as 1"]
+
+
+FLAGS = {
+    "a coast-down whose last speed is misread": ([1, 1, 0, 0], [397, 396, 390, 398], "coast_down.csv"),
+    "shut all the time": ([0, 0, 0, 0], [397, 390, 380, 370], "coast_down.csv"),
+    "open all the time": ([1, 1, 1, 1], [100, 200, 300, 390], "spin_up.csv"),
+    "not known in a row": ([1, "", 0, 0], [397, 396, 390, 380], "coast_down.csv"),
+}
+
+
+@pytest.mark.parametrize("name", FLAGS)
+def test_a_run_tells_of_the_supply_what_its_column_says(put, tmp_path, name):  # noqa: F811 - the fixture
+    flags, speeds, made = FLAGS[name]
+    rows = "".join(f"{at};2.0;{speed};{flag}\n" for at, (flag, speed) in enumerate(zip(flags, speeds, strict=True)))
+    text = POINT.replace("steady", "transient") + SIMPLE + CLOCKED.format("s") + SUPPLY
+    run = read_run(
+        import_table([put("a.csv", "t;P;n;v\n" + rows)], read_mapping(put("map.toml", text)), tmp_path / "r")
+    )
+    (file,) = recording_of(run).recording.files
+    found = file.columns["supply_open"].values.tolist()
+    assert (file.file, [one for one, flag in zip(found, flags, strict=True) if flag != ""]) == (
+        made,
+        [flag for flag in flags if flag != ""],
+    )
+
+
+def test_a_supply_that_is_switched_twice_is_no_run(put, tmp_path):  # noqa: F811 - the fixture
+    text = POINT.replace("steady", "transient") + SIMPLE + CLOCKED.format("s") + SUPPLY
+    source = put("a.csv", "t;P;n;v\n0;1;0;0\n1;2;200;1\n2;2;397;1\n3;1;300;0\n")
+    with pytest.raises(RunError, match=r"a\.csv, line 3, 5: supply_open changes more than once"):
+        import_table([source], read_mapping(put("map.toml", text)), tmp_path / "runs")
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.parametrize(("start_s", "is_told"), [(0.0, True), (3600.0, False)])
