@@ -212,6 +212,9 @@ def _mistakes(name: str, table: ColumnTable) -> list[str]:
             f"{place}: '{table.unit}' refers to a standard state; say which in "
             "standard = {pressure_bar_abs = .., temperature_c = ..}"
         )
+    if table.standard is not None and (table.rotameter is not None or unit.quantity == "mass flow"):
+        what = "a flow of mass" if table.rotameter is None else "a rotameter's scale"
+        mistakes.append(f"{place}: {what} refers to no standard state; take standard away")
     if table.rotameter is not None and unit.quantity != "flow":
         mistakes.append(f"{place}: a rotameter's scale is of a volume flow such as L/min, not of {unit.quantity}")
     if (unit.quantity == "pulse rate") != (table.pulses_per_rev is not None):

@@ -94,7 +94,7 @@ def _values(
     values, censor = np.empty(len(cells)), np.zeros(len(cells), dtype=np.int8)
     for index, cell in enumerate(cells):
         found = read(cell if cell is not None else "")
-        if found is None:
+        if found is None or (found[1] and name not in MEASURED):
             expected = "a number" if not of_day else f"a time ({source.unit})"
             raise RunError(f"{where(index)}: '{shown(str(cell))}' is not {expected}, decimals with '{reads.decimal}'")
         values[index], censor[index] = found

@@ -17,6 +17,7 @@ from tests.rig.exchange.test_exchange_as_found import sheet
 from tests.rig.runlog.test_runlog_import import CLOCKED, HEAD, SIMPLE, TDMS, put, workbook  # noqa: F401 - a fixture
 
 FLOW = '[columns.flow_l_min]\ncolumn = "Q"\nunit = "L/min"\n'
+STATES = ("standard", "rotameter")
 PLACES = SIMPLE.replace('"P"', "1").replace('"n"', "2")
 ROWS = '[[files]]\nfile = "data.csv"\nkind = "steady"\nrows = [1, 2]\n'
 RUN = '[[files]]\nfile = "data"\nkind = "transient"\n'
@@ -163,6 +164,16 @@ REFUSED = {
         "X;P;X;n\n0.0;2.0;0.05;397\n0.1;2.1;0.15;398\n",
         '[columns.time_s]\ncolumn = 1\nunit = "s"\n' + SIMPLE,
         "columns 1, 3 are all called 'X' and differ",
+    ),
+    "a sign before a flag": (
+        "P;n;v\n2.0;397;>0\n",
+        SIMPLE + '[columns.supply_open]\ncolumn = "v"\nunit = "0/1"\n',
+        "line 2, column 'v': '>0' is not a number",
+    ),
+    "two states of a flow": (
+        "P;Q;n\n2.0;70;397\n",
+        SIMPLE + FLOW + "".join(f"{key} = {{pressure_bar_abs = 1.0, temperature_c = 0.0}}\n" for key in STATES),
+        "columns.flow_l_min: a rotameter's scale refers to no standard state",
     ),
     "one column for two": ("P;n\n2.0;397\n", SIMPLE.replace('"n"', '"P"'), "columns.speed_rpm: 'P' is columns."),
     "more than the highest": (
