@@ -159,12 +159,37 @@ class Guard:
         standing = _standing(points)
         if standing is None or level <= standing.pressure_pa:
             return ""
+        stuck = self._should_turn(standing, points)
+        return stuck and f"{level / BAR:.2f} bar abs is not allowed: {stuck}"
+
+    def doubt(self, points: Sequence[Point]) -> str:
+        """Why the latest speeds cannot be so, as of a tachometer that has died; empty when they can.
+
+        `points`: the plateaus so far, oldest first.
+        """
+        turned = max((i for i, p in enumerate(points) if _turns(p)), default=-1)
+        standing = max(points[turned + 1 :], key=lambda p: p.pressure_pa, default=None)
+        if standing is not None:
+            return self._should_turn(standing, points)
+        if len(points) < 2 or not _are_one_reading(*points[-2:]):
+            return ""
+        before, last = points[-2:]
+        expected, shown = self.predict(last.pressure_pa, points[:-1]), last.speed_rad_s * RPM
+        if expected.lower99_rpm <= shown <= expected.upper99_rpm:
+            return ""
+        return (
+            f"the tachometer shows {shown:.6g} rpm all the time at {before.pressure_pa / BAR:.2f} and at "
+            f"{last.pressure_pa / BAR:.2f} bar abs; check that its display does not hang"
+        )
+
+    def _should_turn(self, standing: Point, points: Sequence[Point]) -> str:
+        """That a rotor stands where it should turn; empty where it may well stand."""
         known = self._knowledge(_turning(points))
         if float(known.weights @ self._chances(known.log_f, standing)) >= STANDS_FOR_A_REASON:
             return ""
         return (
-            f"{level / BAR:.2f} bar abs is not allowed: the rotor stands at {standing.pressure_pa / BAR:.2f} bar abs, "
-            "where it should turn; check that it is free and that the tachometer counts"
+            f"the rotor stands at {standing.pressure_pa / BAR:.2f} bar abs, where it should turn; check that it is "
+            "free and that the tachometer counts"
         )
 
     def _knowledge(self, points: tuple[Point, ...]) -> _Knowledge:
@@ -279,6 +304,11 @@ def _of_prior(motor: Motor, name: str, z: np.ndarray) -> np.ndarray:
 
 def _turns(point: Point) -> bool:
     return point.speed_rad_s > max(TURNING_RAD_S, 3.0 * point.speed_sd)
+
+
+def _are_one_reading(one: Point, other: Point) -> bool:
+    """Whether all speeds of two plateaus are the same to the last digit."""
+    return one.speed_sd == other.speed_sd == 0.0 and bool(np.isclose(one.speed_rad_s, other.speed_rad_s, rtol=1e-9))
 
 
 def _turning(points: Sequence[Point]) -> tuple[Point, ...]:

@@ -41,7 +41,7 @@ from rig.runlog.folder import END, WATCHDOG
 from rig.runlog.schema import COURSE, EXPECTED
 from rig.sweep.ambient import Ambient, AmbientError, Ask, Given, at_end, at_start
 from rig.sweep.course import Course
-from rig.sweep.hooks import Hooks, Progress, Silent, expecting, guard_of, guarded, points_of
+from rig.sweep.hooks import Hooks, Progress, Silent, doubting, expecting, guard_of, guarded, points_of
 from rig.sweep.orders import View
 from rig.sweep.runner import Outcome, Runner
 
@@ -311,6 +311,7 @@ class _Run:
             Silent() if self.conversation is None else ValveHand(self.conversation),
             taken,
             expecting(guard, self.ambient.pressure_bar_abs, is_gauge),
+            doubting(guard, self.ambient.pressure_bar_abs, is_gauge),
         )
 
     def _seal(self, writer: RunWriter, outcome: Outcome, begin_ns: int, watchdog: Watchdog | None) -> str:

@@ -33,6 +33,7 @@ class Capturing:
     def __init__(self, task: CaptureTask, ambient_bar: float, now_ns: int, by_hand: bool = False) -> None:
         self.task = task
         self.over, self.lost = False, ""  # lost: why what was recorded cannot be used
+        self.unseen = False  # whether that is since the tachometer saw nothing turn
         self._ambient_bar, self._by_hand = ambient_bar, by_hand
         self._since_ns = now_ns
         self._start_ns: int | None = None
@@ -67,7 +68,8 @@ class Capturing:
             return []
         # By hand the valve was moved some time before it was said: the rotor may stand by then.
         since_ns = self._start_ns if self._by_hand else self._event_ns
-        lost = judge.not_read(view, self._event_ns, now_ns) or judge.not_turning(view, since_ns, now_ns)
+        silent, still = judge.not_read(view, self._event_ns, now_ns), judge.not_turning(view, since_ns, now_ns)
+        lost, self.unseen = silent or still, not silent and bool(still)
         end = CaptureEnd(self.task.kind, self._start_ns, self._event_ns, now_ns, left_out=lost)
         if self.task.kind == "spin-up":
             self.over, self.lost = True, lost

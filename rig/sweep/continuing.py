@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,9 @@ from rig.recording.mistakes import shown
 from rig.runlog import Run, RunError, columns_of, read_run
 from rig.runlog.listing import find_run
 from rig.runlog.phases import captures
+from rig.runlog.plateaus import PlateauRow
+from rig.sweep.judge import AT_REST_RPM
+from rig.sweep.orders import FAILED
 
 MOST_PARENTS = 100
 
@@ -44,7 +47,7 @@ def taken(run: Run, bench: Bench, logs: Path) -> Taken:
         _check(at, bench)
         steps += [
             Step(plateau.level_bar_abs, plateau.direction, plateau.repeat)
-            for plateau in at.plateaus
+            for plateau in _believed(at)
             if plateau.settled and plateau.level_bar_abs is not None
         ]
         plateaus = [*_plateaus(at), *plateaus]
@@ -89,11 +92,25 @@ def _name_of(motor: str | dict[str, Any]) -> str:
     return motor if isinstance(motor, str) else str(motor.get("name"))
 
 
+def _believed(run: Run) -> Sequence[PlateauRow]:
+    """A run's plateaus; of one that failed without the last, where the tachometer shows no rotor turning, or hangs."""
+    if run.end is None or run.end.outcome != FAILED:
+        return run.plateaus
+    column = columns_of(run.start.roles)["speed"]
+    speeds = [None if (mean := row.means.get(column)) is None else mean.mean for row in run.plateaus]
+    count = len(speeds)
+    while count and abs(speeds[count - 1] or 0.0) < AT_REST_RPM:
+        count -= 1
+    while count > 1 and speeds[count - 1] == speeds[count - 2]:
+        count -= 1
+    return run.plateaus[:count]
+
+
 def _plateaus(run: Run) -> list[Plateau]:
     """A run's plateaus as the sweep has them."""
     columns = columns_of(run.start.roles)
     found = []
-    for row in run.plateaus:
+    for row in _believed(run):
         means = {
             role: Mean(mean.mean, mean.se, mean.n, mean.n_eff or 0.0, mean.censored)
             for role, column in columns.items()

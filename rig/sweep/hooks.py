@@ -14,7 +14,7 @@ from rig.interlock.step import Point, Verdict
 from rig.plateaus.plateau import Plateau
 from rig.sweep.ambient import Ambient
 from rig.sweep.capture import motor_of
-from rig.sweep.orders import Predict, Trip
+from rig.sweep.orders import Doubt, Predict, Trip
 
 DEFAULT_GAUGE_SD_BAR = 0.02  # of a gauge whose file does not say
 
@@ -60,6 +60,11 @@ class Silent:
 Expect = Callable[[float, Sequence[Plateau]], tuple[float, float] | None]
 
 
+def _nothing_odd(plateaus: Sequence[Plateau]) -> str:
+    """No doubt about the speeds."""
+    return ""
+
+
 @dataclass(frozen=True)
 class Hooks:
     """What a run is given.
@@ -67,6 +72,7 @@ class Hooks:
     `predict`: the guard; `guarded` makes one.
     `stops`: how often the operator has asked to stop, such as ``lambda: stop.asked``.
     `expect`: the speeds that a typed one is held against; `expecting` makes one.
+    `doubt`: why the speeds of the latest plateaus cannot be so; `doubting` makes one.
     """
 
     predict: Predict
@@ -76,6 +82,7 @@ class Hooks:
     person: Person
     on_plateau: Callable[[Plateau], None]
     expect: Expect
+    doubt: Doubt = _nothing_odd
 
 
 def gauge_sd_of(bench: Bench) -> float:
@@ -117,6 +124,11 @@ def expecting(guard: Guard, ambient_bar: float, is_gauge: bool) -> Expect:
         return expected.lower99_rpm, expected.upper99_rpm
 
     return expect
+
+
+def doubting(guard: Guard, ambient_bar: float, is_gauge: bool) -> Doubt:
+    """What the guard holds for impossible, as the machine asks it."""
+    return lambda plateaus: guard.doubt(points_of(plateaus, ambient_bar if is_gauge else 0.0))
 
 
 def points_of(plateaus: Sequence[Plateau], added_bar: float) -> list[Point]:

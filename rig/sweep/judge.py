@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from rig.bench.bench import SweepTable
-from rig.plateaus.plateau import Mean, mean_of
+from rig.plateaus.plateau import Mean, Plateau, mean_of
 from rig.plateaus.settle import settled
 from rig.readings import NS, Reading
 from rig.sweep.orders import View
@@ -85,6 +85,14 @@ def not_turning(view: View, start_ns: int, end_ns: int) -> str:
     reading = view.last("speed")
     name = "" if reading is None else f" ({reading.name})"
     return f"the speed{name} shows no turning rotor; look whether it turns, and whether the tachometer sees it"
+
+
+def none_turns(plateaus: Sequence[Plateau]) -> str:
+    """That the rotor turns at no plateau; empty when it does, or where its speed was not read."""
+    speeds = [mean.mean for plateau in plateaus if (mean := plateau.means.get("speed")) and mean.mean is not None]
+    if not speeds or max(map(abs, speeds)) >= AT_REST_RPM:
+        return ""
+    return "no plateau shows the rotor turning; look whether it turns, and whether the tachometer sees it"
 
 
 def not_settled(view: View, table: SweepTable, since_ns: int, now_ns: int) -> str:

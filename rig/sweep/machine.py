@@ -29,6 +29,7 @@ from rig.sweep.orders import (
     OPERATOR,
     VENTED,
     Ask,
+    Doubt,
     Entered,
     Finish,
     Order,
@@ -51,13 +52,17 @@ VENT_AGAIN_S = 1.0  # the order to vent is repeated until the gauge says so
 
 
 class SweepMachine:
-    """Goes through a course. `trip`: asked at every advance: a reason to vent now, or None."""
+    """Goes through a course.
 
-    def __init__(self, course: Course, predict: Predict, trip: Trip) -> None:
+    `trip`: asked at every advance: a reason to vent now, or None.
+    `doubt`: asked before every level and at the end: why the speeds measured last cannot be so, or nothing.
+    """
+
+    def __init__(self, course: Course, predict: Predict, trip: Trip, doubt: Doubt = lambda plateaus: "") -> None:
         self.course, self.table = course, course.table
         self.state = State.ZERO
         self.plateaus: list[Plateau] = []
-        self._predict, self._trip = predict, trip
+        self._predict, self._trip, self._doubt = predict, trip, doubt
         self._tasks: deque[Step | CaptureTask] = deque([*course.steps, *course.captures])
         self._task: Step | CaptureTask | None = None
         self._targets: deque[float] = deque()
@@ -68,6 +73,7 @@ class SweepMachine:
         self._settled, self._notes = True, list[str]()
         self._made = False  # whether anything of the course was taken, what led to it apart
         self._lacking = ""  # why what was taken last cannot be used
+        self._remarks: list[str] = []  # what whoever reads how the run ended should know
         self._capturing: Capturing | None = None
         self._lost: list[CaptureTask] = []
         self._zero = "start"
@@ -141,7 +147,7 @@ class SweepMachine:
         ]
 
     def _finish(self, now_ns: int, view: View) -> list[Order]:
-        outcome, reason, by = self._ending or (FINISHED, "", None)
+        outcome, reason, by = self._ending or (FINISHED, "; ".join(self._remarks), None)
         ended = {FINISHED: State.DONE, ABORTED: State.ABORTED, FAILED: State.FAILED}[outcome]
         vented = judge.is_vented(view, self.course.ambient_bar)
         return [SetPressure(VENTED), *self._enter(ended, now_ns), Finish(outcome, reason, vented, by)]
@@ -179,10 +185,16 @@ class SweepMachine:
 
     def _in_next(self, now_ns: int, view: View) -> list[Order]:
         self._task = None
-        if not self._tasks and self._lacking and not self._made:
+        doubt = self._doubt(self._known) if self.plateaus else ""
+        if doubt:
+            return self.fail(now_ns, doubt)
+        if not self._tasks and self._lacking and (not self._made or judge.not_reading(view)):
             return self.fail(now_ns, self._lacking)
         if not self._tasks:
-            return [*self._release(), *self._enter(State.VENT, now_ns)]
+            still = judge.none_turns(self.plateaus)
+            self._remarks += [still] if still else []
+            warned = [Say(still, warning=True)] if still else []
+            return [*warned, *self._release(), *self._enter(State.VENT, now_ns)]
         task = self._tasks.popleft()
         verdict = self._verdict(task.level_bar_abs)
         self._task, self._notes, self._settled = task, [], True
@@ -317,8 +329,10 @@ class SweepMachine:
         if is_first:
             self._lost.append(task)
             self._tasks.appendleft(task)
-        elif not (self._tasks or self._made):
+        elif over.unseen or not (self._tasks or self._made):
             return self.fail(now_ns, f"{what}. What was read is kept; `spinbench doctor` examines the instruments")
+        else:
+            self._remarks.append(what)
         more = "; it is taken once more" if is_first else ""
         return [Say(what + more, warning=True), *self._enter(State.NEXT, now_ns)]
 

@@ -37,6 +37,7 @@ class View(Protocol):
 
 
 Predict = Callable[[float, Sequence[Plateau]], Verdict]  # from a level [bar abs] and the plateaus so far
+Doubt = Callable[[Sequence[Plateau]], str]  # why the speeds of the latest plateaus cannot be so; empty when they can
 Trip = Callable[[View, int, bool], str | None]  # from view, time and whether there may be pressure: why to vent now
 
 

@@ -97,7 +97,7 @@ class Runner:
     def __init__(self, acquisition: Acquisition, sink: PlateauSink, bench: Bench, course: Course, hooks: Hooks) -> None:
         self.acquisition, self.sink, self.course, self.hooks = acquisition, sink, course, hooks
         self.clock = acquisition.clock
-        self.machine = SweepMachine(course, hooks.predict, hooks.trip)
+        self.machine = SweepMachine(course, hooks.predict, hooks.trip, hooks.doubt)
         self.view = BenchView(acquisition)
         self.regulator = bench.file.roles.regulator
         self.to_set_point = set_points(bench, course.ambient_bar)

@@ -1,5 +1,7 @@
 """The guard: what it predicts covers what comes, what is plainly safe is allowed, and what is not is refused."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -184,6 +186,32 @@ def test_a_rotor_that_stands_where_it_should_turn_is_taken_no_further():
 def test_a_rotor_that_stood_below_a_level_at_which_it_turned_is_no_fault():
     points = [Point(1.1 * BAR, 0.0, 0.05, 100.0), point(MOTOR, 1.3 * BAR)]
     assert GUARD.verdict(1.5 * BAR, points).allowed
+
+
+@pytest.mark.parametrize("levels", [[1.3, 1.6, 1.9], [1.3, 1.9, 1.6]])
+def test_a_rotor_that_stands_where_it_turned_before_or_below_is_doubted(levels):
+    """Also on the way down, where a higher level was seen to turn."""
+    *before, last = [level * BAR for level in levels]
+    turning = [point(MOTOR, level) for level in before]
+    assert GUARD.doubt([*turning, point(MOTOR, last)]) == ""
+    said = GUARD.doubt([*turning, Point(last, 0.0, 0.05, 100.0)])
+    assert said == (
+        f"the rotor stands at {last / BAR:.2f} bar abs, where it should turn; check that it is free and that the "
+        "tachometer counts"
+    )
+
+
+def test_a_rotor_that_stands_at_a_low_level_and_then_turns_is_not_doubted():
+    low = Point(1.1 * BAR, 0.0, 0.05, 100.0)
+    assert GUARD.doubt([low]) == GUARD.doubt([low, point(MOTOR, 1.3 * BAR)]) == GUARD.doubt([]) == ""
+
+
+def test_a_display_that_hangs_is_doubted_and_one_that_is_coarse_is_not():
+    first = Point(1.3 * BAR, speed_at(MOTOR, 1.3 * BAR), 0.0, 100.0)
+    assert "rpm all the time at 1.30 and at 1.60 bar abs" in GUARD.doubt(
+        [first, dataclasses.replace(first, pressure_pa=1.6 * BAR)]
+    )
+    assert GUARD.doubt([first, dataclasses.replace(first, pressure_pa=1.305 * BAR)]) == ""
 
 
 def test_the_same_question_gets_the_same_answer():

@@ -13,6 +13,7 @@ from rig.sweep.capture import motor_of
 from rig.sweep.continuing import taken
 from rig.sweep.hooks import guarded
 from rig.sweep.planning import sweep_course
+from tests.synthetic_runs import SWEEP as SYNTHETIC_LEVELS
 from tests.synthetic_runs import Bench, start_of, write_sweep
 
 BENCH = read_bench("virtual")
@@ -35,6 +36,18 @@ def test_the_parents_of_the_parent_count_too(tmp_path):
     first = run_of(tmp_path)
     second = run_of(tmp_path, parent=first.name)
     assert len(taken(second, BENCH, tmp_path).steps) == 2 * len(taken(first, BENCH, tmp_path).steps)
+
+
+@pytest.mark.parametrize(("outcome", "fewer"), [("failed", 2), ("aborted", 0)])
+def test_plateaus_at_which_a_tachometer_had_died_are_taken_again(tmp_path, outcome, fewer):
+    level, dead = SYNTHETIC_LEVELS[0], {"speed_rpm": 0.0, "speed_rpm_se": 0.0}
+    with RunWriter.create(tmp_path, start_of(bench="virtual", sweep=SWEEP)) as writer:
+        rig = Bench(writer)
+        for n, changes in enumerate(({}, dead, dead), start=1):
+            rig.plateau(n, level, "up", repeat=n, **changes)
+        writer.end(outcome, "the rotor stands", vented=True)
+    have = taken(read_run(writer.folder), BENCH, tmp_path)
+    assert (len(have.steps), len(have.plateaus)) == (3 - fewer, 3 - fewer)
 
 
 @pytest.mark.parametrize(

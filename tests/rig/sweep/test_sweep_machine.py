@@ -24,14 +24,17 @@ class Walk:
     """Drives a machine on a lab and keeps every order; things happen when a state is entered."""
 
     def __init__(
-        self, steps=None, captures=(), lab=None, predict=None, trip=None, by_hand=False, zeros=("start", "end")
+        self, steps=None, captures=(), lab=None, predict=None, trip=None, by_hand=False, zeros=("start", "end"), **more
     ):
         self.lab = lab or Lab()
         steps = plan(LEVELS, "up-down") if steps is None else steps
         roles, channels = ("pressure", "flow", "speed"), ("gauge.pressure_bar_abs", "tach.speed_rpm")
         course = Course(steps, captures, TABLE, AMBIENT, roles, channels, by_hand, zeros)
         self.machine = SweepMachine(
-            course, predict or (lambda level, plateaus: ALLOWED), trip or (lambda view, now_ns, pressurised: None)
+            course,
+            predict or (lambda level, plateaus: ALLOWED),
+            trip or (lambda view, now_ns, pressurised: None),
+            **more,
         )
         self.orders = []
         self.when = {}  # state to a function of the lab, called once
@@ -139,6 +142,48 @@ def test_a_capture_in_which_the_tachometer_sees_no_rotor_turning_is_no_finished_
     said = f"the {kind} cannot be used: the speed (tach.speed_rpm) shows no turning rotor; look whether it turns"
     assert walk.finish.outcome == "failed" and walk.finish.reason.startswith(said)
     walk.assert_vented_last()
+
+
+class Dying(Lab):
+    """A bench whose tachometer shows a rotor at rest from some time on; its readings are usable, each by itself."""
+
+    def __init__(self, after_s):
+        super().__init__()
+        self.after_s = after_s
+
+    def read(self, role, name, value, scatter):
+        super().read(role, name, 0.0 if role == "speed" and self.now_ns > self.after_s * NS else value, scatter)
+
+
+def test_a_sweep_whose_latest_speeds_cannot_be_so_fails_there_and_keeps_what_it_has():
+    def doubt(plateaus):
+        return "the rotor stands" if plateaus[-1].means["speed"].mean == 0.0 else ""
+
+    walk = Walk(lab=Dying(24.0), doubt=doubt).go()
+    speeds = [plateau.means["speed"].mean for plateau in walk.machine.plateaus]
+    assert len(speeds) < 6 and speeds[-1] == 0.0 and min(speeds[:-1]) > 10.0
+    assert (walk.finish.outcome, walk.finish.reason) == ("failed", "the rotor stands")
+    walk.assert_vented_last()
+
+
+def test_the_last_plateau_is_doubted_too():
+    walk = Walk(steps=[Step(1.3, "up", 1)], doubt=lambda plateaus: "the rotor stands").go()
+    assert (walk.finish.outcome, walk.finish.reason) == ("failed", "the rotor stands")
+
+
+def test_a_sweep_in_which_no_rotor_was_seen_turning_says_so_at_its_end():
+    walk = Walk(steps=[Step(1.3, "up", 1)], lab=Dying(0.0)).go()
+    assert walk.finish.outcome == "finished"
+    assert walk.finish.reason.startswith("no plateau shows the rotor turning; look whether it turns")
+
+
+def test_a_sweep_whose_tachometer_dies_before_its_capture_has_failed():
+    walk = Walk(steps=[Step(1.3, "up", 1)], captures=[CaptureTask("coast-down", 1.6, 0.2)])
+    walk.lab = Dying(float("inf"))
+    walk.when["capture"] = lambda lab: setattr(lab, "after_s", 0.0)
+    walk.go()
+    assert walk.finish.outcome == "failed"
+    assert "the coast-down cannot be used: the speed (tach.speed_rpm) shows no turning rotor" in walk.finish.reason
 
 
 def test_a_coast_down_whose_tachometer_falls_still_as_the_valve_is_shut_is_taken_once_more():
