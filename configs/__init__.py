@@ -13,7 +13,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,6 +25,7 @@ from configs.units import as_in_another_unit
 FOLDER = Path(__file__).resolve().parent
 MAX_TOML_BYTES = 1_000_000
 PROJECT = "spinbench.toml"  # its folder is a project: it has folders of its own of what is kept here
+CLOSE = 0.75  # how alike a misspelt name and the one meant are, from 0 to 1
 _NAME = re.compile(r"[A-Za-z0-9_.\-]{1,80}")
 
 Schema = TypeVar("Schema", bound=pydantic.BaseModel)
@@ -233,17 +234,30 @@ def _value_schema(annotation: Any) -> Any:
     return next((part for part in getattr(annotation, "__args__", ()) if _is_schema(part)), None)
 
 
+def close_to(word: str, known: Iterable[str]) -> str:
+    """The name that a misspelt one may be meant for: nearly the same, or the only one that it begins, or begins with.
+
+    Empty where none is close.
+    """
+    names = list(known)
+    near = difflib.get_close_matches(word, names, n=1, cutoff=CLOSE)
+    begun = [
+        name for name in names if min(len(name), len(word)) > 2 and (name.startswith(word) or word.startswith(name))
+    ]
+    return near[0] if near else begun[0] if len(begun) == 1 else ""
+
+
 def _nearest(word: str, known: list[str]) -> str:
     """A suggestion for a misspelt word, or what would have been right."""
-    close = difflib.get_close_matches(word, known, n=1)
+    close = close_to(word, known)
     if close:
-        return f"; did you mean '{close[0]}'?"
+        return f"; did you mean '{close}'?"
     return f"; known here: {', '.join(known)}" if known else ""
 
 
 def _nearest_file(path: Path) -> str:
     siblings = sorted(entry.stem for entry in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
-    close = difflib.get_close_matches(path.stem, siblings, n=1)  # without the ending, which all of them share
+    close = close_to(path.stem, siblings)  # without the ending, which all of them share
     if close:
-        return f"; did you mean '{close[0]}{path.suffix}'?"
+        return f"; did you mean '{close}{path.suffix}'?"
     return f"; known here: {', '.join(f'{stem}{path.suffix}' for stem in siblings[:20])}" if siblings else ""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
-
+from configs import close_to
 from configs.units import RPM
 from rig.recording.mistakes import shown
 from rig.recording.units import PRESSURE_UNITS, QUANTITIES_OF, UNITS, Unit, unit_called
@@ -42,7 +41,7 @@ def unit_of(column: str, name: str, differentiate: bool = False) -> Unit:
     if name in known:
         unit = UNITS[name]
         return Unit(unit.quantity, unit.factor * RPM) if differentiate and column == "speed_rpm" else unit
-    called = name if name in UNITS else unit_called(name) or next(iter(difflib.get_close_matches(name, known, 1)), "")
+    called = name if name in UNITS else unit_called(name) or close_to(name, known)
     said = f"'{shown(name)}'"
     if called in PRESSURE_UNITS:
         raise RunError(f"the unit {said} does not say absolute or gauge; write '{called} abs' or '{called} gauge'")

@@ -7,12 +7,12 @@ each, in the column's unit (scale_sd is relative).
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Container
 from dataclasses import dataclass
 
+from configs import close_to
 from configs.units import BAR, M3_S, RAD_S
 from rig.recording import units
 
@@ -160,5 +160,5 @@ def _expected(quantity: str, reference: str) -> str:
 
 def nearest(name: str, known: tuple[str, ...] = NAMES) -> str:
     """A suggestion for a misspelt column, as the end of a sentence; empty when nothing is near."""
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
-    return f"; did you mean '{close[0]}'?" if close else ""
+    close = close_to(name, known)
+    return f"; did you mean '{close}'?" if close else ""

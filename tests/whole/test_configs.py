@@ -108,6 +108,24 @@ def test_a_misspelt_key_is_met_with_the_nearest_one_however_deep(place):
     assert re.search(r"unknown key '[a-z.]*spoke'.*; did you mean 'spokes'\?", said)
 
 
+@pytest.mark.parametrize(
+    ("word", "known", "meant"),
+    [
+        ("spoke", ("spokes", "radius_mm"), "spokes"),
+        ("hsot", ("host", "port"), "host"),
+        ("baudrate", ("baud", "parity"), "baud"),  # it begins with the one that is meant
+        ("unit", ("unit_id", "line"), "unit_id"),
+        ("speed", ("speed_rpm", "speed_slope_rpm_s"), ""),  # two begin so
+        ("up", ("up-down", "x"), ""),
+        ("colour", ("order", "period_s", "channel"), ""),
+        ("zzz", ("name",), ""),
+        ("zzz", (), ""),
+    ],
+)
+def test_a_name_is_suggested_only_where_one_is_close(word, known, meant):
+    assert configs.close_to(word, known) == meant
+
+
 def test_a_key_like_no_other_is_met_with_those_that_are_known():
     assert "unknown key 'zzz'; known here: name, loads_kg, driver, wheels, spare, extra" in refusal(
         {"name": "hay", "zzz": 1}

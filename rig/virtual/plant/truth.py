@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
@@ -125,8 +124,8 @@ def read_truth(motor: Motor, truth: Mapping[str, float], place: str) -> tuple[Mo
     mistakes = []
     for name, value in truth.items():
         if name not in known:
-            close = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            close = configs.close_to(name, known)
+            hint = f"did you mean '{close}'?" if close else f"known: {', '.join(known)}"
             mistakes.append(f"{place}: virtual.truth.{name}: no such parameter; {hint}")
         elif name in LINE_TRUTH:
             low, high = LINE_TRUTH[name]
