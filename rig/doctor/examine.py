@@ -118,6 +118,8 @@ class _Examination:
                 found.append(Finding(Level.FAULT, device, f"another device answers: {printable(str(error))}", fix))
             except (RefusedError, InstrumentError) as error:
                 found.append(_refusal(device, error))
+            except ascii_family.DecimalMarkError as error:
+                found.append(Finding(Level.FAULT, device, f"answers, but {printable(str(error))}", error.fix))
             except LineError as error:
                 silent[device] = (error, _heard(line))
             else:
@@ -153,8 +155,8 @@ class _Examination:
             fix, sure = f"check power, cable{swapped} and the address", False
             has_others = unit is not None if table.kind == "tcp" else table.kind == "serial" and table.paced
             if has_others and not anyone:
-                numbers = error.quality is Quality.STALE and table.transaction_numbers == "checked"
-                right = trials.other_settings(self.bench, device, self.ports, self.clock, numbers)
+                too_old = error.quality is Quality.STALE
+                right = trials.other_settings(self.bench, device, self.ports, self.clock, too_old)
                 if right is not None:
                     how, key, value = _difference(table, right)
                     said += f". It answers {how}"
@@ -221,6 +223,8 @@ def _difference(table: LineTable, right: LineTable) -> tuple[str, str, str]:
     """How a device answers, in words, and the key and value that say so."""
     if right.transaction_numbers != table.transaction_numbers:
         return "with other transaction numbers than the questions'", "transaction_numbers", '"any"'
+    if right.paced != table.paced:
+        return "sooner than its bytes can cross the wire at this baud rate, as over USB", "paced", "false"
     if table.kind == "tcp":
         return f"with framing {right.framing}", "framing", f'"{right.framing}"'
     how = f"at {right.baud} baud, parity {right.parity}, {right.data_bits} data bits"

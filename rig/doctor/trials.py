@@ -23,22 +23,22 @@ OTHER_BITS = {7: 8, 8: 7}
 Ports = Callable[[str, LineTable, Clock], Port]
 
 
-def other_settings(
-    bench: Bench, device: str, ports: Ports, clock: Clock, other_numbers: bool = False
-) -> LineTable | None:
+def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock, too_old: bool = False) -> LineTable | None:
     """The line's table with which a device answers: another baud rate or parity, or of a socket another framing of
     Modbus; None when it does with none.
 
-    `other_numbers`: whether its answers had another transaction number than the questions; that is tried first.
+    `too_old`: whether its answers were taken for old ones, by their transaction numbers or since they came too soon;
+        that the line is to be read otherwise is tried first.
     """
     name = bench.file.devices[device].line
     table = bench.file.lines[name]
     candidates: list[dict[str, Any]]
     if table.kind == "tcp":
-        candidates = [{"transaction_numbers": "any"}] if other_numbers else []
+        candidates = [{"transaction_numbers": "any"}] if too_old and table.transaction_numbers == "checked" else []
         candidates += [{"framing": "tcp" if table.framing == "rtu" else "rtu"}]
     else:
-        candidates = [{"baud": baud} for baud in BAUDS if baud != table.baud]
+        candidates = [{"paced": False}] if too_old else []
+        candidates += [{"baud": baud} for baud in BAUDS if baud != table.baud]
         candidates += [{"parity": parity} for parity in PARITIES if parity != table.parity]
         other_bits = OTHER_BITS[table.data_bits]
         candidates += [{"data_bits": other_bits, "parity": parity} for parity in ("E", "O", "N")]

@@ -16,7 +16,7 @@ import pydantic
 
 from configs import ConfigError, Strict
 from rig.bench.instrument import InstrumentError, InstrumentFile, Positive
-from rig.instruments.ascii import NUMBER, ask_text, ends_with
+from rig.instruments.ascii import NO_NUMBER, NUMBER, ask_text, ends_with
 from rig.instruments.codecs.values import Value, joined, printable
 from rig.instruments.placing import refuse_keyboard
 from rig.instruments.polling import Answer, ChannelName, Polled, PolledFile, UncheckedChannel, repeated, timing_of
@@ -33,7 +33,6 @@ FAULT_WORDS = ("ADC", "EXH")  # converter error; exhausting instead of controlli
 # Display held, locked; total lost, pressure limited, second pressure beyond.
 NOTE_WORDS = ("HLD", "LCK", "TMF", "OPL", "P2O")
 WORD = re.compile(r"[A-Z][A-Z0-9]{1,3}")
-NO_NUMBER = re.compile(r"[+-]?-+(\.-+)?")
 # Which quantity an over-range flag speaks of, by the beginning of the channel's name.
 OUT_OF_RANGE_OF = {"MOV": "flow_sl", "VOV": "flow_l", "POV": "pressure", "TOV": "temperature", "OVR": "total"}
 SETPOINT, GAS, UNUSED = "setpoint", "gas", "-"

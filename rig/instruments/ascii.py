@@ -9,7 +9,7 @@ import dataclasses
 import importlib
 import re
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import pydantic
 
@@ -25,8 +25,13 @@ from rig.readings import Quality, scpi_number
 if TYPE_CHECKING:
     from rig.bench.bench import Place
 
-NUMBER = re.compile(r"[+-]?(\d{1,12}(\.\d{0,12})?|\.\d{1,12})([eE][+-]?\d{1,2})?")
-SIGN_APART = re.compile(r"^([+-]) {1,12}(?=[0-9.])")
+NUMBER = re.compile(r"[+-]?(\d{1,12}(\.\d{0,12})?|\.\d{1,12})([eE][+-]?\d{1,3})?")
+NO_NUMBER = re.compile(r"[+-]?-+([.,]-+)?")  # dashes, as a display shows where it has no number
+SIGN_APART = re.compile(r"^([+-])[ \t]{1,12}(?=[0-9.])")
+DASHES = re.compile(r"-{2,}([.,]-+)?|-[.,]-+")
+SWAPPED = str.maketrans(".,", ",.")
+ENDS = "\r\n\0"
+MARKS = {".": "point", ",": "comma"}
 SERIAL_GROUP = "serial"
 _PARSER: Any = importlib.import_module("re._parser")  # the one way to look into a pattern
 MOST_OPEN_REPEATS = 4  # of a pattern over so short a text as a reply
@@ -46,6 +51,18 @@ class TextChannel(UncheckedChannel):
     invalid: list[str] = pydantic.Field(default_factory=list)
 
 
+class DecimalMarkError(BadReplyError):
+    """The numbers of a reply have the other decimal mark than the file says. `fix`: the key that would take it."""
+
+    def __init__(self, text: str, decimal: str) -> None:
+        other = "," if decimal == "." else "."
+        self.fix = f'write decimal = "{other}" in the instrument file, and the {MARKS[other]} in its pattern'
+        super().__init__(
+            f"'{printable(text)}' has a {MARKS[other]} where the file has a decimal {MARKS[decimal]}: if that is the "
+            f"decimal mark, {self.fix}"
+        )
+
+
 class Settings(PolledFile):
     """The keys of a generic ASCII device."""
 
@@ -54,6 +71,7 @@ class Settings(PolledFile):
         "\r\n"
     )
     pattern: PatternText  # of the whole line without its end
+    decimal: Literal[".", ","] = "."  # the decimal mark of all its numbers
     refusals: list[str] = pydantic.Field(default_factory=list)  # lines by which the device refuses
     most_bytes: Annotated[int, pydantic.Field(ge=1, le=256)] = 128
     channels: Annotated[dict[ChannelName, TextChannel], pydantic.Field(min_length=1, max_length=16)]
@@ -75,24 +93,44 @@ class Settings(PolledFile):
         return self
 
 
-def decode(line: bytes, pattern: re.Pattern[str], channels: Mapping[str, TextChannel]) -> dict[str, Value]:
+def decode(
+    line: bytes, pattern: re.Pattern[str], channels: Mapping[str, TextChannel], decimal: str = "."
+) -> dict[str, Value]:
     """The values of a line of text.
 
-    By channel, limits not yet looked at. Raises BadReplyError when the line is not of the pattern, or a number is none.
+    `decimal`: the decimal mark; a number with the other one is refused.
+    By channel, limits not yet looked at; one with dashes in the place of its number has no value. Raises BadReplyError
+    when the line is not of the pattern, or a number is none.
     """
     text = line.decode("ascii", errors="replace")
-    match = _match(pattern, text)
-    if match is None:
+    groups = _groups(pattern, text)
+    if groups is None:
+        if _groups(pattern, text.translate(SWAPPED)) is not None:
+            raise DecimalMarkError(text, decimal)
         raise BadReplyError(f"the reply '{printable(text)}' is not of the pattern {pattern.pattern}")
-    return {name: _value((match[name] or "").strip(), channel) for name, channel in channels.items()}
+    return {name: _value(groups[name].strip(), channel, decimal) for name, channel in channels.items()}
+
+
+def _groups(pattern: re.Pattern[str], text: str) -> dict[str, str] | None:
+    """What stands where a pattern has its groups, dashes in a number's place too; None where the text is not of it."""
+    for line in (text, text.strip(ENDS)):
+        match = pattern.fullmatch(line) or pattern.fullmatch(DASHES.sub(lambda dashes: _digits(dashes[0]), line))
+        if match is not None:
+            spans = {name: match.span(name) for name in pattern.groupindex}
+            return {name: line[begin:end] if begin >= 0 else "" for name, (begin, end) in spans.items()}
+    return None
+
+
+def _digits(dashes: str) -> str:
+    return dashes.replace("-", "0")
 
 
 def _match(pattern: re.Pattern[str], text: str) -> re.Match[str] | None:
     """A line held against its pattern, without the rest of another way to end lines where it fits only so."""
-    return pattern.fullmatch(text) or pattern.fullmatch(text.strip("\r\n\0"))
+    return pattern.fullmatch(text) or pattern.fullmatch(text.strip(ENDS))
 
 
-def _value(text: str, channel: TextChannel) -> Value:
+def _value(text: str, channel: TextChannel, decimal: str) -> Value:
     rising = 1.0 if channel.scale > 0.0 else -1.0
     if text in channel.over_range:
         return Value(rising * float("inf"), raw=text, detail=f"'{text}' stands for over-range")
@@ -100,8 +138,12 @@ def _value(text: str, channel: TextChannel) -> Value:
         return Value(-rising * float("inf"), raw=text, detail=f"'{text}' stands for under-range")
     if text in channel.invalid:
         return Value(None, Quality.EXCEPTION, text, f"the device reports a fault: '{text}'")
-    number = SIGN_APART.sub(r"\1", text)
+    if NO_NUMBER.fullmatch(text):
+        return Value(None, Quality.EXCEPTION, text, "the device shows no number")
+    number = SIGN_APART.sub(r"\1", text if decimal == "." else text.translate(SWAPPED))
     if not NUMBER.fullmatch(number):
+        if NUMBER.fullmatch(number.translate(SWAPPED)):
+            raise DecimalMarkError(text, decimal)
         raise BadReplyError(f"'{printable(text)}' in the reply is not a number")
     return Value(channel.scale * scpi_number(float(number)) + channel.offset, raw=text)
 
@@ -179,7 +221,7 @@ class AsciiDevice(Polled):
             raise BadReplyError(
                 f"{self.device} refuses: '{printable(text.decode('ascii', 'replace'))}'", Quality.EXCEPTION
             )
-        found = decode(text, self._pattern, self.settings.channels)
+        found = decode(text, self._pattern, self.settings.channels, self.settings.decimal)
         return Answer(found, text, reply.request_ns, reply.reply_ns)
 
     def identify(self, line: Line) -> str:

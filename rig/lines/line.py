@@ -31,7 +31,10 @@ ECHOES = (
 SOONEST = 0.85  # of the time that bytes take on the wire: crystals differ, and a device may send one stop bit less
 MOST_STRAY = 4  # bytes before an answer, as adapters make them, beside the question's echo
 SILENT_BYTES = 3.5  # between an answer and the next question, as Modbus RTU has it
-TOO_SOON = "sooner than its bytes can cross the wire: an old one"
+TOO_SOON = (
+    "sooner than its bytes can cross the wire: an old one. If all are like it, as of a USB device, whose baud rate means "
+    "nothing, write paced = false at this line in the bench file"
+)
 MOST_DRAIN_S = 2.0  # a line that never falls silent is a stream or a fault
 
 

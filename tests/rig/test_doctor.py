@@ -458,10 +458,22 @@ def test_a_tachometer_of_seven_bits_and_even_parity_is_found(bench_on, tmp_path,
     assert fault.fix == 'write data_bits = 7 and parity = "E" into [lines.words]'
 
 
+def test_a_usb_device_that_answers_sooner_than_a_baud_rate_allows_is_told_with_the_key(bench_on, tmp_path, host):
+    fault = examined_words(bench_on, tmp_path, host, Peer(lambda request: b"+0600.00\r\n"))
+    assert "write paced = false at this line in the bench file. It answers sooner than its bytes" in fault.what
+    assert fault.fix == "write paced = false into [lines.words]"
+
+
 def test_of_text_that_is_no_answer_what_came_is_shown(bench_on, tmp_path, host):
     fault = examined_words(bench_on, tmp_path, host, Peer(lambda request: b"\x1b[0m+0600,00\n"))
     assert r"What came: '\x1b[0m+0600,00\n" in fault.what
     assert r"compare it with pattern and terminator ('\r\n') in the instrument file" in fault.fix
+
+
+def test_a_tachometer_that_writes_decimal_commas_is_told_with_the_key_that_takes_them(bench_on, tmp_path, host):
+    fault = examined_words(bench_on, tmp_path, host, Peer(lambda request: [(0.02, b"+0600,00\r\n")]))
+    assert fault.what.startswith("answers, but '+0600,00' has a comma where the file has a decimal point")
+    assert fault.fix == 'write decimal = "," in the instrument file, and the comma in its pattern'
 
 
 class Refusing(ModbusPeer):

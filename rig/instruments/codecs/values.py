@@ -12,7 +12,7 @@ from rig.lines import LineError
 from rig.readings import Quality, Reading
 
 MOST_TEXT = 80  # characters of a device's own words that go into a reading
-MOST_REASON = 200
+MOST_REASON = 300
 
 
 @dataclass(frozen=True, slots=True)

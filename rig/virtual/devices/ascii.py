@@ -57,7 +57,7 @@ class TextDevice(Sender):
         numbers = {}
         for name, channel in self.settings.channels.items():
             value = (self._sensors[name].read(time_ns) - channel.offset) / channel.scale
-            numbers[name] = _texts(value, channel)
+            numbers[name] = [text.replace(".", self.settings.decimal) for text in _texts(value, channel)]
         return line_of(self.settings.pattern, numbers)
 
 

@@ -427,6 +427,60 @@ def test_a_sign_may_stand_apart_from_its_number():
     assert decode_text(b"-   12.34 rpm", scale=2.0).value == pytest.approx(-24.68)
 
 
+def test_an_exponent_may_have_three_digits():
+    assert decode_text(b"-1.234E+002 rpm").value == pytest.approx(-123.4)
+
+
+GAUGE_AND_METER = {"pressure_kpa": ascii.TextChannel(unit="kPa"), "flow_l_min": ascii.TextChannel(unit="L/min")}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "line", "decimal"),
+    [
+        (r"(?P<pressure_kpa>\S+) (?P<flow_l_min>\S+)", "--.-- 72.5", "."),
+        (r"p=(?P<pressure_kpa>[+-]?\d{3}\.\d) q=(?P<flow_l_min>[+-]?\d+\.\d)", "p=+---.- q=72.5\0", "."),
+        (r"(?P<flow_l_min>\d+,\d);(?P<pressure_kpa>\d+,\d+)", "72,5;---,--", ","),
+    ],
+)
+def test_dashes_in_a_number_s_place_cost_that_channel_and_no_other(pattern, line, decimal):
+    found = ascii.decode(line.encode(), re.compile(pattern), GAUGE_AND_METER, decimal)
+    assert found["flow_l_min"] == Value(72.5, raw=line[line.index("72") :][:4])
+    shown = found["pressure_kpa"]
+    assert (shown.value, shown.quality, shown.detail) == (None, Quality.EXCEPTION, "the device shows no number")
+
+
+@pytest.mark.parametrize(
+    ("number", "value"), [("101,325", 101.325), ("-1,5E-1", -0.15), ("+ 7", 7.0), ("12", 12.0), (",5", 0.5)]
+)
+def test_decimals_after_a_comma_are_read_where_the_file_says_so(number, value):
+    pattern = re.compile(r"(?P<p>.+) kPa")
+    found = ascii.decode(f"{number} kPa".encode(), pattern, {"p": ascii.TextChannel(unit="kPa")}, ",")
+    assert found["p"].value == pytest.approx(value)
+
+
+@pytest.mark.parametrize("pattern", [r"(?P<p>.+) kPa", r"(?P<p>\d+{mark}\d+) kPa"])
+@pytest.mark.parametrize(("decimal", "other", "word"), [(".", ",", "comma"), (",", ".", "point")])
+def test_the_other_decimal_mark_is_refused_with_the_key_that_takes_it(pattern, decimal, other, word):
+    mark = re.escape(decimal)
+    with pytest.raises(ascii.DecimalMarkError, match=rf'has a {word} where .* write decimal = "\{other}" in the'):
+        ascii.decode(
+            f"101{other}3 kPa".encode(),
+            re.compile(pattern.replace("{mark}", mark)),
+            {"p": ascii.TextChannel(unit="kPa")},
+            decimal,
+        )
+
+
+@pytest.mark.parametrize("number", ["1.234,5", "1,234.5", "1,234,567", "1..2", ",", "."])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_thousands_that_are_marked_off_are_no_number(number, decimal):
+    with pytest.raises(BadReplyError, match="is not a number") as refused:
+        ascii.decode(
+            f"{number} kPa".encode(), re.compile(r"(?P<p>.+) kPa"), {"p": ascii.TextChannel(unit="kPa")}, decimal
+        )
+    assert not isinstance(refused.value, ascii.DecimalMarkError)
+
+
 @given(st.binary(max_size=80))
 def test_no_bytes_do_more_to_the_text_codec_than_be_refused(line):
     try:
