@@ -16,7 +16,7 @@ from rig.doctor.host import Host
 from rig.doctor.measure import of_orders
 from rig.doctor.trials import Ports
 from rig.instruments import ascii as ascii_family
-from rig.lines import Line, LineError, LostError
+from rig.lines import Line, LineError, LostError, NoReplyError
 from rig.lines.line import LEAST_REAL_WAIT_S
 from rig.lines.modbus import RefusedError
 from rig.readings import Quality
@@ -145,38 +145,36 @@ class _Examination:
 
     def _of_silent(self, table: LineTable, silent: dict[str, tuple[LineError, bytes]], anyone: bool) -> list[Finding]:
         """Devices that gave no answer: a wrong setting when the whole line is dumb, else address or power."""
-        found = []
         if other := _service(b"".join(heard for _, heard in silent.values()), table):
             return [Finding(Level.FAULT, device, other, _WRONG_PORT) for device in silent]
-        for device, (error, heard) in silent.items():
-            said = f"bytes come, but no answer: {error}" if heard else f"nobody answers: {error}"
-            name, unit = self.bench.file.devices[device].line, self.bench.file.devices[device].unit_id
-            swapped = "" if table.kind == "tcp" else " (A and B swapped?)"
-            fix, sure = f"check power, cable{swapped} and the address", False
-            has_others = unit is not None if table.kind == "tcp" else table.kind == "serial" and table.paced
-            if has_others and not anyone:
-                too_old = error.quality is Quality.STALE
-                right = trials.other_settings(self.bench, device, self.ports, self.clock, too_old)
-                if right is not None:
-                    how, key, value = _difference(table, right)
-                    said += f". It answers {how}"
-                    sure, fix = True, f"write {key} = {value} into [lines.{name}]"
-                else:
-                    said += f". It answers at no other of the usual settings either ({_tried(table)})"
-            if heard and not sure and isinstance(settings := self.bench.instruments[device], ascii_family.Settings):
-                ending = ascii(settings.terminator)
-                said += f". What came: {heard[-MOST_SHOWN:].decode('latin-1')!a}"
-                fix = (
-                    f"compare it with pattern and terminator ({ending}) in the instrument file; where garbled, see baud"
-                )
-            if self.scan_units and unit is not None and not sure:
-                others = trials.other_units(self.bench, device, self.scan_units, self.ports, self.clock)
-                said += f". Not unit {unit}, but unit {', '.join(map(str, others))} answers" if others else ""
-                fix = f"write unit_id = {others[0]} into [devices.{device}]" if others else fix
-            elif unit is not None and not sure:
-                fix += "; a scan of a few addresses finds a wrong unit_id"
-            found.append(Finding(Level.FAULT, device, printable(said), fix))
-        return found
+        return [self._of_one_silent(table, device, *heard, anyone=anyone) for device, heard in silent.items()]
+
+    def _of_one_silent(self, table: LineTable, device: str, error: LineError, heard: bytes, anyone: bool) -> Finding:
+        said = f"bytes come, but no answer: {error}" if heard else f"nobody answers: {error}"
+        name, unit = self.bench.file.devices[device].line, self.bench.file.devices[device].unit_id
+        settings = self.bench.instruments[device]
+        swapped = "" if table.kind == "tcp" else " (A and B swapped?)"
+        fix = f"check power, cable{swapped} and the address"
+        has_others = unit is not None if table.kind == "tcp" else table.kind == "serial" and table.paced
+        if has_others and not anyone:
+            too_old, too_slow = error.quality is Quality.STALE, bool(heard) and isinstance(error, NoReplyError)
+            right = trials.other_settings(self.bench, device, self.ports, self.clock, too_old, too_slow)
+            if right is not None:
+                how, key, value = _difference(table, right)
+                what = printable(f"{said}. It answers {how}")
+                return Finding(Level.FAULT, device, what, f"write {key} = {value} into [lines.{name}]")
+            said += f". It answers at no other of the usual settings either ({_tried(table)})"
+        if heard and isinstance(settings, ascii_family.Settings):
+            ending = ascii(settings.terminator)
+            said += f". What came: {heard[-MOST_SHOWN:].decode('latin-1')!a}"
+            fix = f"compare it with pattern and terminator ({ending}) in the instrument file; where garbled, see baud"
+        if self.scan_units and unit is not None:
+            others = trials.other_units(self.bench, device, self.scan_units, self.ports, self.clock)
+            said += f". Not unit {unit}, but unit {', '.join(map(str, others))} answers" if others else ""
+            fix = f"write unit_id = {others[0]} into [devices.{device}]" if others else fix
+        elif unit is not None:
+            fix += "; a scan of a few addresses finds a wrong unit_id"
+        return Finding(Level.FAULT, device, printable(said), fix)
 
 
 _WRONG_PORT = "check host and tcp_port of the line; Modbus TCP is at 502 by custom"
@@ -223,6 +221,9 @@ def _difference(table: LineTable, right: LineTable) -> tuple[str, str, str]:
     """How a device answers, in words, and the key and value that say so."""
     if right.transaction_numbers != table.transaction_numbers:
         return "with other transaction numbers than the questions'", "transaction_numbers", '"any"'
+    if right.timeout_s != table.timeout_s:
+        how = f"when it is given {right.timeout_s:g} s"
+        return how, "timeout_s", f"{right.timeout_s:g} and slowest_reply_s = {right.slowest_reply_s:g}"
     if right.paced != table.paced:
         return "sooner than its bytes can cross the wire at this baud rate, as over USB", "paced", "false"
     if table.kind == "tcp":

@@ -13,7 +13,7 @@ from rig.doctor.finding import Finding, Level, printable
 from rig.instruments.codecs.registers import WORD_ORDERS
 from rig.instruments.modbus import ModbusDevice
 from rig.lines import Line, LineError, LostError
-from rig.readings import NS
+from rig.readings import NS, Quality
 
 LONGEST_GAP_S = 0.1  # real time between two polls
 MOST_FAILURES = 3  # in a row; then it is known
@@ -34,6 +34,7 @@ class Latency:
     `p50_s`, `p99_s`: of the polls that gave a reading, on the bench's clock [s].
     `mute`: channels that gave none in any poll, and why.
     `raw`: of each channel that gave one, the last number as it came.
+    `only_late`: whether every failure was one of time.
     """
 
     p50_s: float
@@ -43,6 +44,7 @@ class Latency:
     faults: str
     mute: dict[str, str]
     raw: dict[str, str]
+    only_late: bool
 
 
 def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Latency:
@@ -52,7 +54,7 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
     `gap_s`: between polls [s]; shorter where that is long in real time.
     Raises LostError when the port fails meanwhile.
     """
-    times, faults, failures, in_a_row, made = [], Counter[str](), 0, 0, 0
+    times, faults, failures, in_a_row, made, only_late = [], Counter[str](), 0, 0, 0, True
     mute: dict[str, str] = {}
     heard: dict[str, str] = {}
     for _ in range(polls):
@@ -73,6 +75,7 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
             in_a_row = 0
         else:
             faults.update(f"{reading.quality} {reading.detail}".strip() for reading in readings[:1])
+            only_late &= all(reading.quality is Quality.TIMEOUT for reading in readings)
             failures += 1
             in_a_row += 1
             if in_a_row == MOST_FAILURES and not times:
@@ -83,7 +86,7 @@ def poll_times(line: Line, driver: Instrument, polls: int, gap_s: float) -> Late
     p50_s, p99_s = np.quantile(times, [0.5, 0.99]) if times else (np.nan, np.nan)
     named = "; ".join(f"{printable(fault)} ({count} x)" for fault, count in faults.most_common(3))
     silent = {channel: printable(why) for channel, why in mute.items() if channel not in heard}
-    return Latency(float(p50_s), float(p99_s), made, failures, named, silent, heard)
+    return Latency(float(p50_s), float(p99_s), made, failures, named, silent, heard, only_late)
 
 
 def of_device(
@@ -92,7 +95,8 @@ def of_device(
     """What the latency of a device means. `update_s`: the instrument's own [s]; 0 when not known."""
     if latency.failures == latency.polls:
         what = f"{identity} answers, but no poll gave a reading: {latency.faults}"
-        return [Finding(Level.FAULT, device, what, "compare the instrument file with the device's manual")]
+        fix = "raise timeout_s" if latency.only_late else "compare the instrument file with the device's manual"
+        return [Finding(Level.FAULT, device, what, fix)]
     rates = f"asked {1 / period_s:.3g} /s, bears {1 / max(latency.p50_s, BELOW_ALL):.3g} /s"
     figures = f"latency p50 {latency.p50_s * 1e3:.1f} ms, p99 {latency.p99_s * 1e3:.1f} ms; {rates}"
     found = [Finding(Level.OK, device, f"{identity}: {figures}")]

@@ -18,17 +18,21 @@ from rig.lines.modbus import RefusedError
 
 BAUDS = (9600, 19200, 38400, 57600, 115200, 4800, 2400, 1200)
 PARITIES = ("N", "E", "O")
+PATIENT_S = 3.0  # for an answer
 OTHER_BITS = {7: 8, 8: 7}
 
 Ports = Callable[[str, LineTable, Clock], Port]
 
 
-def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock, too_old: bool = False) -> LineTable | None:
+def other_settings(
+    bench: Bench, device: str, ports: Ports, clock: Clock, too_old: bool = False, too_slow: bool = False
+) -> LineTable | None:
     """The line's table with which a device answers: another baud rate or parity, or of a socket another framing of
     Modbus; None when it does with none.
 
     `too_old`: whether its answers were taken for old ones, by their transaction numbers or since they came too soon;
         that the line is to be read otherwise is tried first.
+    `too_slow`: whether bytes came, but no whole answer in time; a longer time is tried first.
     """
     name = bench.file.devices[device].line
     table = bench.file.lines[name]
@@ -42,6 +46,8 @@ def other_settings(bench: Bench, device: str, ports: Ports, clock: Clock, too_ol
         candidates += [{"parity": parity} for parity in PARITIES if parity != table.parity]
         other_bits = OTHER_BITS[table.data_bits]
         candidates += [{"data_bits": other_bits, "parity": parity} for parity in ("E", "O", "N")]
+    if too_slow and table.timeout_s < PATIENT_S:
+        candidates.insert(0, {"timeout_s": PATIENT_S, "slowest_reply_s": max(PATIENT_S, table.slowest_reply_s)})
     for change in candidates:
         changed = table.model_copy(update=change)
         try:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import json
 import re
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
@@ -28,9 +29,11 @@ if TYPE_CHECKING:
 NUMBER = re.compile(r"[+-]?(\d{1,12}(\.\d{0,12})?|\.\d{1,12})([eE][+-]?\d{1,3})?")
 NO_NUMBER = re.compile(r"[+-]?-+([.,]-+)?")  # dashes, as a display shows where it has no number
 SIGN_APART = re.compile(r"^([+-])[ \t]{1,12}(?=[0-9.])")
+WORD = re.compile(r"[A-Za-z][A-Za-z ._-]*")
 DASHES = re.compile(r"-{2,}([.,]-+)?|-[.,]-+")
 SWAPPED = str.maketrans(".,", ",.")
-ENDS = "\r\n\0"
+LINE_ENDS = b"\r\n"
+RIM = "".join(map(chr, (*range(32), 127)))  # line ends and other control characters that may be left around a line
 MARKS = {".": "point", ",": "comma"}
 SERIAL_GROUP = "serial"
 _PARSER: Any = importlib.import_module("re._parser")  # the one way to look into a pattern
@@ -99,8 +102,8 @@ def decode(
     """The values of a line of text.
 
     `decimal`: the decimal mark; a number with the other one is refused.
-    By channel, limits not yet looked at; one with dashes in the place of its number has no value. Raises BadReplyError
-    when the line is not of the pattern, or a number is none.
+    By channel, limits not yet looked at; one with dashes in the place of its number has no value, nor has one with a
+    word, beside others that have. Raises BadReplyError when the line is not of the pattern, or a number is none.
     """
     text = line.decode("ascii", errors="replace")
     groups = _groups(pattern, text)
@@ -108,29 +111,46 @@ def decode(
         if _groups(pattern, text.translate(SWAPPED)) is not None:
             raise DecimalMarkError(text, decimal)
         raise BadReplyError(f"the reply '{printable(text)}' is not of the pattern {pattern.pattern}")
-    return {name: _value(groups[name].strip(), channel, decimal) for name, channel in channels.items()}
+    found = {name: _value(groups[name].strip(), channel, decimal) for name, channel in channels.items()}
+    if not any(found.values()):
+        raise BadReplyError(f"'{printable(text)}' has no number, nor a word that the file knows")
+    return {name: value or _of_a_word(groups[name].strip()) for name, value in found.items()}
+
+
+def _of_a_word(word: str) -> Value:
+    return Value(None, Quality.EXCEPTION, word, f"the device shows '{printable(word)}' in place of a number")
 
 
 def _groups(pattern: re.Pattern[str], text: str) -> dict[str, str] | None:
     """What stands where a pattern has its groups, dashes in a number's place too; None where the text is not of it."""
-    for line in (text, text.strip(ENDS)):
-        match = pattern.fullmatch(line) or pattern.fullmatch(DASHES.sub(lambda dashes: _digits(dashes[0]), line))
+    for line in (text, text.strip(RIM)):
+        matches = [pattern.fullmatch(shown) for shown in (line, *_with_digits(line))]
+        match = next(filter(None, matches), None)
         if match is not None:
             spans = {name: match.span(name) for name in pattern.groupindex}
             return {name: line[begin:end] if begin >= 0 else "" for name, (begin, end) in spans.items()}
     return None
 
 
-def _digits(dashes: str) -> str:
-    return dashes.replace("-", "0")
+def _with_digits(line: str) -> list[str]:
+    """A line with digits in place of dashes, the first of which may stand for a sign."""
+    cut = [(dashes.span(), dashes[0][1:].replace("-", "0")) for dashes in DASHES.finditer(line)]
+    found = []
+    for sign in "0-":
+        shown = line
+        for (begin, end), digits in cut:
+            shown = shown[:begin] + sign + digits + shown[end:]
+        found.append(shown)
+    return found
 
 
 def _match(pattern: re.Pattern[str], text: str) -> re.Match[str] | None:
-    """A line held against its pattern, without the rest of another way to end lines where it fits only so."""
-    return pattern.fullmatch(text) or pattern.fullmatch(text.strip(ENDS))
+    """A line held against its pattern, without what may be left around it where it fits only so."""
+    return pattern.fullmatch(text) or pattern.fullmatch(text.strip(RIM))
 
 
-def _value(text: str, channel: TextChannel, decimal: str) -> Value:
+def _value(text: str, channel: TextChannel, decimal: str) -> Value | None:
+    """The value of what stands in a number's place; None of a word that the file does not know."""
     rising = 1.0 if channel.scale > 0.0 else -1.0
     if text in channel.over_range:
         return Value(rising * float("inf"), raw=text, detail=f"'{text}' stands for over-range")
@@ -144,6 +164,8 @@ def _value(text: str, channel: TextChannel, decimal: str) -> Value:
     if not NUMBER.fullmatch(number):
         if NUMBER.fullmatch(number.translate(SWAPPED)):
             raise DecimalMarkError(text, decimal)
+        if WORD.fullmatch(text):
+            return None
         raise BadReplyError(f"'{printable(text)}' in the reply is not a number")
     return Value(channel.scale * scpi_number(float(number)) + channel.offset, raw=text)
 
@@ -160,11 +182,13 @@ def ends_with(terminator: bytes, most_bytes: int) -> Complete:
     return complete
 
 
-def ask_text(line: Line, request: bytes, complete: Complete, timing: Timing, echo: bool) -> Reply:
+def ask_text(
+    line: Line, request: bytes, complete: Complete, timing: Timing, echo: bool, spoiled: Complete | None = None
+) -> Reply:
     """Ask a question in text and return the answer, without the question's echo, which is told once.
 
     `complete`: tells where the answer ends. `echo`: whether the bench file expects the echo, so that it is not told.
-    Raises as `Line.ask`.
+    `spoiled`: as of `Line.ask`, which raises the same.
     """
 
     def after_echo(buffer: bytes) -> int | None:
@@ -175,11 +199,25 @@ def ask_text(line: Line, request: bytes, complete: Complete, timing: Timing, ech
         return None if length is None else begin + length
 
     line.look(timing.byte_s)
-    reply = line.ask(request, after_echo, timing)
+    reply = line.ask(request, after_echo, timing, spoiled)
     begin = _echo_in(request, reply.data)
     if begin and not echo:
         line.remark(ECHOES)
     return dataclasses.replace(reply, data=reply.data[begin:]) if begin else reply
+
+
+def _ends_otherwise(buffer: bytes) -> int | None:
+    """What came in time, where it ends as a line does."""
+    return len(buffer) if buffer.rstrip(LINE_ENDS) not in (b"", buffer) else None
+
+
+def _other_end(came: bytes, terminator: str) -> BadReplyError:
+    """A line that came whole, and does not end as the file says."""
+    end = came[len(came.rstrip(LINE_ENDS)) :].decode("ascii")
+    return BadReplyError(
+        f"'{printable(came.decode('ascii', 'replace'))}' does not end with {json.dumps(terminator)}: if it is a whole "
+        f"answer, write terminator = {json.dumps(end)} in the instrument file"
+    )
 
 
 def _echo_in(request: bytes, buffer: bytes) -> int:
@@ -242,9 +280,12 @@ class AsciiDevice(Polled):
         return printable(text)
 
     def _question(self, line: Line, query: str) -> Reply:
-        complete = ends_with(self._end, self.settings.most_bytes)
+        complete, timing = ends_with(self._end, self.settings.most_bytes), timing_of(self.settings, line)
         try:
-            return ask_text(line, query.encode("ascii"), complete, timing_of(self.settings, line), self._echo)
+            reply = ask_text(line, query.encode("ascii"), complete, timing, self._echo, _ends_otherwise)
+            if not reply.data.endswith(self._end):
+                raise _other_end(reply.data, self.settings.terminator)
+            return reply
         except BadReplyError:
             line.drop()
             raise

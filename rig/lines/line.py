@@ -32,8 +32,8 @@ SOONEST = 0.85  # of the time that bytes take on the wire: crystals differ, and 
 MOST_STRAY = 4  # bytes before an answer, as adapters make them, beside the question's echo
 SILENT_BYTES = 3.5  # between an answer and the next question, as Modbus RTU has it
 TOO_SOON = (
-    "sooner than its bytes can cross the wire: an old one. If all are like it, as of a USB device, whose baud rate means "
-    "nothing, write paced = false at this line in the bench file"
+    "sooner than its bytes can cross the wire: an old one. If all are like it, as of a USB device, whose baud rate "
+    "means nothing, write paced = false at this line in the bench file"
 )
 MOST_DRAIN_S = 2.0  # a line that never falls silent is a stream or a fault
 
@@ -276,4 +276,4 @@ class Line:
         came = f"{len(buffer)} bytes ({buffer[:16].hex(' ')}) and then nothing" if buffer else "nothing"
         if buffer.endswith(request):
             came = "its own question, as an echo, and no answer"
-        return f"line {self.name}: {came} within {self._wait_ns(timing.timeout_s) / NS:g} s"
+        return f"line {self.name}: {came} within {self._wait_ns(timing.timeout_s) / NS:g} s (timeout_s)"

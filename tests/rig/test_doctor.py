@@ -464,6 +464,19 @@ def test_a_usb_device_that_answers_sooner_than_a_baud_rate_allows_is_told_with_t
     assert fault.fix == "write paced = false into [lines.words]"
 
 
+def test_a_device_that_answers_later_than_it_is_waited_for_is_told_with_the_time(bench_on, tmp_path, host, monkeypatch):
+    late = Peer(lambda request: [(0.15, b"+0600.00\r\n")])
+    monkeypatch.setattr("tests.rig.test_doctor.TACH", TACH.replace("slowest_reply_s = 0.05", "slowest_reply_s = 0.3"))
+    fault = examined_words(bench_on, tmp_path, host, late)
+    assert "It answers when it is given 3 s" in fault.what
+    assert fault.fix == "write timeout_s = 3 and slowest_reply_s = 3 into [lines.words]"
+
+
+def test_a_line_that_ends_otherwise_is_told_with_the_terminator_to_write(bench_on, tmp_path, host):
+    fault = examined_words(bench_on, tmp_path, host, Peer(lambda request: [(0.02, b"+0600.00\n\r")]))
+    assert r'if it is a whole answer, write terminator = "\n\r" in the instrument file' in fault.what
+
+
 def test_of_text_that_is_no_answer_what_came_is_shown(bench_on, tmp_path, host):
     fault = examined_words(bench_on, tmp_path, host, Peer(lambda request: b"\x1b[0m+0600,00\n"))
     assert r"What came: '\x1b[0m+0600,00\n" in fault.what

@@ -439,6 +439,7 @@ GAUGE_AND_METER = {"pressure_kpa": ascii.TextChannel(unit="kPa"), "flow_l_min": 
     [
         (r"(?P<pressure_kpa>\S+) (?P<flow_l_min>\S+)", "--.-- 72.5", "."),
         (r"p=(?P<pressure_kpa>[+-]?\d{3}\.\d) q=(?P<flow_l_min>[+-]?\d+\.\d)", "p=+---.- q=72.5\0", "."),
+        (r"(?P<flow_l_min>\d+\.\d) (?P<pressure_kpa>[+-]\d+\.\d)", "\x1372.5 ---.-\r", "."),
         (r"(?P<flow_l_min>\d+,\d);(?P<pressure_kpa>\d+,\d+)", "72,5;---,--", ","),
     ],
 )
@@ -447,6 +448,19 @@ def test_dashes_in_a_number_s_place_cost_that_channel_and_no_other(pattern, line
     assert found["flow_l_min"] == Value(72.5, raw=line[line.index("72") :][:4])
     shown = found["pressure_kpa"]
     assert (shown.value, shown.quality, shown.detail) == (None, Quality.EXCEPTION, "the device shows no number")
+
+
+def test_a_word_that_the_file_does_not_know_costs_its_channel_and_no_other():
+    pattern = re.compile(r"(?P<pressure_kpa>\S+) (?P<flow_l_min>\S+)")
+    found = ascii.decode(b"OPEN 72.5", pattern, GAUGE_AND_METER)
+    assert found["flow_l_min"].value == 72.5
+    shown = found["pressure_kpa"]
+    assert (shown.value, shown.quality, shown.raw) == (None, Quality.EXCEPTION, "OPEN")
+    assert shown.detail == "the device shows 'OPEN' in place of a number"
+    with pytest.raises(BadReplyError, match="'OPEN ERR' has no number, nor a word that the file knows"):
+        ascii.decode(b"OPEN ERR", pattern, GAUGE_AND_METER)
+    with pytest.raises(BadReplyError, match="'1;3' in the reply is not a number"):
+        ascii.decode(b"1;3 72.5", pattern, GAUGE_AND_METER)
 
 
 @pytest.mark.parametrize(
