@@ -32,13 +32,13 @@ OVER_RANGE_WORDS = ("MOV", "VOV", "POV", "TOV", "OVR")  # mass, volume, pressure
 FAULT_WORDS = ("ADC", "EXH")  # converter error; exhausting instead of controlling
 # Display held, locked; total lost, pressure limited, second pressure beyond.
 NOTE_WORDS = ("HLD", "LCK", "TMF", "OPL", "P2O")
-WORD = re.compile(r"[A-Z][A-Z0-9]{1,3}")
+WORD = re.compile(r"(?=.?[A-Z])[A-Z0-9]{2,12}")  # a flag, known or not
 # Which quantity an over-range flag speaks of, by the beginning of the channel's name.
 OUT_OF_RANGE_OF = {"MOV": "flow_sl", "VOV": "flow_l", "POV": "pressure", "TOV": "temperature", "OVR": "total"}
 SETPOINT, GAS, UNUSED = "setpoint", "gas", "-"
 MOST_BYTES = 128
 END_OF_LINE = b"\r"
-GAS_NAME = re.compile(r"[A-Za-z0-9-]{1,12}")
+GAS_NAME = re.compile(r"(?=.*[A-Za-z])[!-~]{1,20}")  # mixtures have names that people gave them
 
 
 class Scaled(Strict):
@@ -162,10 +162,12 @@ class Alicat(Polled):
         super().__init__(device, settings.channels, settings)
         self.settings, self._echo = settings, echo
         self.address = address
+        # Dashes in the set-point's place cost no channel its value.
+        self._read = [UNUSED if entry == SETPOINT else entry for entry in settings.layout]
 
     def ask(self, line: Line) -> Answer:
         """Ask for one frame."""
-        fields, flags, reply = self._frame(line, self.address)
+        fields, flags, reply = self._frame(line, self.address, self._read)
         channels = self.settings.channels
         numbers = {name: channel.scale * _number(fields[name]) + channel.offset for name, channel in channels.items()}
         note = f"gas {fields[GAS]}" if GAS in fields else ""
@@ -173,19 +175,19 @@ class Alicat(Polled):
 
     def identify(self, line: Line) -> str:
         """See that the unit answers with a frame of the file's layout."""
-        _, flags, _ = repeated(lambda: self._frame(line, self.address), 1)
+        _, flags, _ = repeated(lambda: self._frame(line, self.address, self._read), 1)
         raised = f"; flags {' '.join(flags)}" if flags else ""
         return (
             f"{self.settings.title}, unit {self.address} (its frame has the layout; it is not asked who it is{raised})"
         )
 
-    def _frame(self, line: Line, question: str) -> tuple[dict[str, str], tuple[str, ...], Reply]:
+    def _frame(self, line: Line, question: str, layout: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...], Reply]:
         """One question, and the frame that answers it."""
         request = question.encode("ascii") + END_OF_LINE
         reply = ask_text(line, request, ends_with(END_OF_LINE, MOST_BYTES), timing_of(self.settings, line), self._echo)
         try:
             text = reply.data.removesuffix(END_OF_LINE).decode("ascii", errors="replace").strip("\n\0 ")
-            return *decode(text, self.address, self.settings.layout), reply
+            return *decode(text, self.address, layout), reply
         except BadReplyError:
             line.drop()
             raise
@@ -204,10 +206,11 @@ class AlicatController(Alicat):
         table = self.setpoint
 
         def order() -> None:
-            self._frame(line, f"{self.address}S{(value - table.offset) / table.scale:.{table.decimals}f}")
+            number = f"{(value - table.offset) / table.scale:.{table.decimals}f}"
+            self._frame(line, f"{self.address}S{number}", self.settings.layout)
 
         def read_back() -> float:
-            fields, _, _ = self._frame(line, self.address)
+            fields, _, _ = self._frame(line, self.address, self.settings.layout)
             return table.scale * float(fields[SETPOINT]) + table.offset
 
         return set_and_read_back(self, value, order, read_back, table.tolerance)

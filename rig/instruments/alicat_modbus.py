@@ -30,7 +30,7 @@ SETPOINT = 1010
 PLACE_IN_BLOCK = {"pressure": 2, "temperature": 4, "flow_l": 6, "flow_sl": 8}  # by the name's beginning
 STATUS_FLAGS = {
     **{0: "TOV", 1: "TOV", 2: "VOV", 3: "VOV", 4: "MOV", 5: "MOV", 6: "POV", 7: "OVR"},  # over, and under, where two
-    **{8: "HLD", 9: "ADC", 10: "EXH"},
+    **{8: "HLD", 9: "ADC", 10: "EXH", 11: "OPL", 12: "TMF", 13: "measurement aborted"},
 }
 
 

@@ -328,11 +328,41 @@ def test_an_alicat_question_mark_is_a_refusal():
         (1 << 6, ["POV"]),
         (1 << 4 | 1 << 5, ["MOV"]),
         (1 << 9 | 1 << 8, ["HLD", "ADC"]),
+        (1 << 11 | 1 << 12, ["OPL", "TMF"]),
+        (1 << 13, ["measurement aborted"]),
         (1 << 20, ["status bit 20"]),
     ],
 )
 def test_alicat_status_bits_have_the_flags_names(bits, flags):
     assert alicat_modbus.flags_of(bits) == flags
+
+
+@pytest.mark.parametrize(("bits", "quality"), [(1 << 11 | 1 << 12, Quality.OK), (1 << 13, Quality.EXCEPTION)])
+def test_a_pressure_limit_and_a_lost_total_cost_no_reading_and_an_aborted_measurement_does(bits, quality):
+    words = (0, bits, *words_of(2.0, "f32"), *[0] * 6)
+    found = alicat_modbus.decode(words, read_instrument("alicat_pc_modbus").channels)["pressure_bar_abs"]
+    assert found.quality is quality
+
+
+@pytest.mark.parametrize(
+    ("word", "is_flag"), [("VALVE", True), ("1ST", True), ("P2O", True), ("Air", False), ("12", False)]
+)
+def test_a_word_of_capitals_after_the_numbers_is_a_flag_known_or_not(word, is_flag):
+    text = f"A +1.0 +2.0 {word}"
+    if is_flag:
+        assert alicat.decode(text, "A", ["pressure_bar_abs", "setpoint"])[1] == (word,)
+    else:
+        with pytest.raises(BadReplyError, match="is no flag; is the layout the device's own"):
+            alicat.decode(text, "A", ["pressure_bar_abs", "setpoint"])
+
+
+@pytest.mark.parametrize(("gas", "taken"), [("User_1", True), ("N2/O2-20%", True), ("H2*", True), ("0001.23", False)])
+def test_a_gas_may_have_any_name_that_is_no_number(gas, taken):
+    if taken:
+        assert alicat.decode(f"A +1.0 {gas}", "A", ["pressure_bar_abs", "gas"])[0]["gas"] == gas
+    else:
+        with pytest.raises(BadReplyError, match="stands where the layout has gas"):
+            alicat.decode(f"A +1.0 {gas}", "A", ["pressure_bar_abs", "gas"])
 
 
 def test_an_alicat_status_bit_that_nobody_knows_is_a_fault():

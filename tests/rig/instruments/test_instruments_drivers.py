@@ -559,6 +559,14 @@ def test_an_alicat_that_keeps_its_set_point_is_told(bench):
         driver.write(line, 2.0)
 
 
+def test_dashes_in_the_place_of_alicat_s_set_point_cost_no_reading_and_confirm_no_order(bench):
+    driver = alicat_driver()
+    line, _ = bench(driver, lambda request: b"A +1.250 ------\r")
+    assert [driver.poll(line)[0].value, driver.poll(line)[0].quality] == [1.25, Quality.OK]
+    with pytest.raises(BadReplyError, match="'------' stands where the layout has setpoint"):
+        driver.write(line, 2.0)
+
+
 def test_an_alicat_s_question_mark_is_a_refusal(bench):
     driver = alicat_driver()
     line, _ = bench(driver, lambda request: b"A ?\r")
