@@ -25,6 +25,7 @@ from rig.lines.port import BadReplyError, NoReplyError
 from rig.readings import Quality
 
 READ_COILS, READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 1, 3, 4, 6, 16
+READS, WRITES = (READ_COILS, 2, READ_HOLDING, READ_INPUT), (5, WRITE_ONE, 15, WRITE_MANY)
 EXCEPTION_BIT = 0x80
 MOST_REGISTERS = 125
 MBAP_BYTES = 7  # transaction, protocol, length, unit
@@ -130,13 +131,15 @@ def length_of(request: Request, framing: str, echo: bool = False) -> Complete:
         return tcp_length
 
     def rtu_length(buffer: bytes) -> int | None:
-        """Up to the end of the answer, or of any whole frame that stands at the start."""
+        """Up to the end of the answer, or of a whole frame of this unit that is none."""
         found = _answer_in(request, buffer, echo)
         if found is not None:
             return found[1]
-        whole = _good_bytes(request, buffer)
-        is_frame = whole is not None and len(buffer) >= whole and _is_whole(buffer[:whole])
-        return whole if is_frame and buffer[:whole] != _rtu_question(request)[:whole] else None
+        begin = _after_others(request, buffer)
+        whole = _whole_bytes(request, buffer[begin:])
+        is_question = whole is not None and buffer[begin : begin + whole] == _rtu_question(request)[:whole]
+        is_ours = whole is not None and buffer[begin] == request.unit
+        return begin + whole if whole is not None and is_ours and not is_question else None
 
     return rtu_length
 
@@ -164,12 +167,45 @@ def _good_bytes(request: Request, frame: bytes) -> int | None:
     return 5 + (2 * request.count if request.function in (READ_HOLDING, READ_INPUT) else 3)
 
 
+def _own_bytes(frame: bytes) -> int | None:
+    """Bytes of an RTU answer by its own account; None where too few came, or its function is not known."""
+    if len(frame) < 3:
+        return None
+    if frame[1] & EXCEPTION_BIT:
+        return 5
+    return 5 + frame[2] if frame[1] in READS else 8 if frame[1] in WRITES else None
+
+
+def _whole_bytes(request: Request, buffer: bytes) -> int | None:
+    """Bytes of the whole frame at the start, as many as the question asks for or more; None where there is none.
+
+    Of another unit's it is as many as it says.
+    """
+    good, own = _good_bytes(request, buffer), _own_bytes(buffer)
+    is_other = own is not None and (buffer[0] != request.unit or own > (good or 0))
+    for length in (good, own if is_other else None):
+        if length is not None and len(buffer) >= length and _is_whole(buffer[:length]):
+            return length
+    return None
+
+
+def _after_others(request: Request, buffer: bytes) -> int:
+    """Where whole answers of other units end, such as a gateway sends late; 0 where there are none."""
+    begin = 0
+    while (length := _own_bytes(buffer[begin:])) is not None and buffer[begin] != request.unit:
+        if len(buffer) < begin + length or not _is_whole(buffer[begin : begin + length]):
+            break
+        begin += length
+    return begin
+
+
 def _is_whole(frame: bytes) -> bool:
     return bool(_RTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big")))
 
 
 def _answer_in(request: Request, buffer: bytes, echo: bool = False) -> tuple[int, int] | None:
-    """Where an RTU answer begins and ends. Before it may stand the question's echo, and a stray byte or two.
+    """Where an RTU answer begins and ends. Before it may stand the question's echo, answers of other units, and a stray
+    byte or two.
 
     An answer has the question's unit and function, its number of bytes, and a CRC that is right. To the order to write
     one register it is the question itself: where an echo comes, it is the second.
@@ -178,6 +214,7 @@ def _answer_in(request: Request, buffer: bytes, echo: bool = False) -> tuple[int
     if echo and not after and request.function == WRITE_ONE:
         return None
     first = after if echo or request.function != WRITE_ONE else 0
+    first += _after_others(request, buffer[first:])
     for begin in range(first, min(first + MOST_STRAY, max(len(buffer) - 4, 0)) + 1):
         frame = buffer[begin:]
         length = _good_bytes(request, frame)
@@ -185,7 +222,7 @@ def _answer_in(request: Request, buffer: bytes, echo: bool = False) -> tuple[int
             continue
         function, data = frame[1], length - 5
         refused = function == request.function | EXCEPTION_BIT
-        is_read = request.function in (READ_COILS, READ_HOLDING, READ_INPUT)
+        is_read = request.function in READS
         if (refused or (function == request.function and (not is_read or frame[2] == data))) and _is_whole(
             frame[:length]
         ):
@@ -200,7 +237,7 @@ def _spoiled(request: Request, framing: str) -> Complete:
 
     def length(buffer: bytes) -> int | None:
         after = _after_echo(request, buffer)
-        whole = _good_bytes(request, buffer[after:])
+        whole = _whole_bytes(request, buffer[after:]) or _good_bytes(request, buffer[after:])
         return after + whole if whole is not None and len(buffer) >= after + whole else None
 
     return length

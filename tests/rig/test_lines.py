@@ -88,9 +88,10 @@ def test_half_a_reply_is_a_timeout_that_says_what_came(on_line):
         (lambda good: rtu(bytes([good[0], 4]) + good[2:-2]), "an answer to function 4"),
         (lambda good: rtu(good[:2] + b"\x06" + bytes(6))[:7], "wrong CRC"),
         (lambda good: rtu(good[:2] + b"\x01" + good[3:-2]), "1 bytes of data where 2"),
+        (lambda good: rtu(good[:2] + b"\x06" + bytes(6)), "6 bytes of data where 2"),
         (lambda good: bytes(13) + good, "wrong CRC"),
     ],
-    ids=["crc", "unit", "function", "longer", "count", "much noise before"],
+    ids=["crc", "unit", "function", "longer, cut off", "count", "longer", "much noise before"],
 )
 def test_what_is_not_the_answer_is_refused(on_line, damage, words):
     line = on_line(lambda request: [(0.0, damage(answer_of(request)))])
@@ -123,6 +124,16 @@ def test_bytes_about_the_answer_cost_neither_it_nor_a_long_wait(on_line, what):
     for _ in range(4):
         assert [read(line, address) for address in (0, 10, 20)] == [(111,), (222,), (333,)]
     assert time.monotonic() - begin < 6 * timing.slowest_reply_s  # of twelve questions
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 0.02])
+@pytest.mark.parametrize("other", [b"\x07\x03\x04\x01\x02\x03\x04", b"\x07\x84\x02", b"\x07\x06\x00\x01\x00\x02"])
+def test_a_late_answer_of_another_unit_before_the_right_one_costs_nothing(on_line, other, pause_s):
+    timing = Timing(timeout_s=0.4, slowest_reply_s=0.5, quiet_s=0.005)
+    line = on_line(lambda request: [(0.0, rtu(other)), (pause_s, answer_of(request))], timing)
+    begin = time.monotonic()
+    assert [read(line, address) for address in (0, 10, 20)] == [(111,), (222,), (333,)]
+    assert time.monotonic() - begin < timing.timeout_s
 
 
 def test_a_stray_byte_that_comes_late_costs_no_answer(on_line):

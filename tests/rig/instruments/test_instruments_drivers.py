@@ -12,7 +12,7 @@ from rig.bench.bench import DeviceTable, LineTable, Place
 from rig.bench.instrument import IdentityError, InstrumentError
 from rig.clock import Clock
 from rig.instruments import adam_4024, alicat, alicat_modbus, ascii, keller_30x, lutron, manual, modbus
-from rig.lines import Line, LineError, LostError, NoReplyError, Timing
+from rig.lines import BadReplyError, Line, LineError, LostError, NoReplyError, Timing
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
 from rig.replay.player import ReplayPort
