@@ -28,7 +28,7 @@ READ_COILS, READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 1, 3, 4, 6, 16
 READS, WRITES = (READ_COILS, 2, READ_HOLDING, READ_INPUT), (5, WRITE_ONE, 15, WRITE_MANY)
 EXCEPTION_BIT = 0x80
 MOST_REGISTERS = 125
-MBAP_BYTES = 7  # transaction, protocol, length, unit
+MBAP_BYTES, MOST_TCP_BYTES = 7, 260  # transaction, protocol, length, unit; and of a whole frame
 EXCEPTIONS = {
     1: "illegal function",
     2: "illegal register address",
@@ -112,17 +112,20 @@ def encode(request: Request, framing: str, transaction: int) -> bytes:
     return (_RTU if framing == "rtu" else _TCP).buildFrame(pdu)
 
 
-def length_of(request: Request, framing: str, echo: bool = False) -> Complete:
+def length_of(request: Request, framing: str, echo: bool = False, transaction: int | None = None) -> Complete:
     """What tells where the answer to a question ends.
 
     `echo`: whether the question comes back first, so that what reads like it is no answer yet.
+    `transaction`: of Modbus TCP, the question's number: whole answers to others are passed over; any number when None.
     It takes the bytes so far and gives how many of them end with the frame, or None while more are needed.
     """
     if framing == "tcp":
 
         def tcp_length(buffer: bytes) -> int | None:
+            late = _after_late(buffer, transaction)
             try:
-                return _tcp_length(buffer)
+                length = _tcp_length(buffer[late:])
+                return None if length is None else late + length
             except BadReplyError:
                 if _answer_in(request, buffer):
                     return len(buffer)
@@ -233,7 +236,7 @@ def _answer_in(request: Request, buffer: bytes, echo: bool = False) -> tuple[int
 def _spoiled(request: Request, framing: str) -> Complete:
     """What tells how long a damaged answer is, or one of the other framing, once no more bytes come."""
     if framing == "tcp":
-        return lambda buffer: len(buffer) if _answer_in(request, buffer) else None
+        return lambda buffer: len(buffer) if _answer_in(request, buffer) else _first_tcp(buffer)
 
     def length(buffer: bytes) -> int | None:
         after = _after_echo(request, buffer)
@@ -303,10 +306,12 @@ def exchange(
     question = _rtu_question(request) if is_rtu else encode(request, framing, transaction)
     line.look((timing or line.timing).byte_s if line.copies else 0.0)
     try:
-        complete = length_of(request, framing, habits.echo or line.echoes)
+        number = None if is_rtu or any_number else transaction
+        complete = length_of(request, framing, habits.echo or line.echoes, number)
         reply = line.ask(question, complete, timing, _spoiled(request, framing))
-        begin = _answer_begins(line, request, reply.data, habits.echo) if is_rtu else 0
-        return decode(request, framing, None if any_number else transaction, reply.data[begin:]), reply
+        late = _after_late(reply.data, number)
+        begin = _answer_begins(line, request, reply.data, habits.echo) if is_rtu else late % len(reply.data)
+        return decode(request, framing, number, reply.data[begin:]), reply
     except RefusedError:
         raise
     except (NoReplyError, BadReplyError) as error:
@@ -345,10 +350,28 @@ def _is_no_tcp(frame: bytes) -> bool:
     return frame[2:4] != b"\0\0" or 6 + int.from_bytes(frame[4:6], "big") != len(frame)
 
 
+def _first_tcp(buffer: bytes) -> int | None:
+    """Where the whole Modbus TCP frame at the start ends; None where none stands there."""
+    if len(buffer) < MBAP_BYTES + 2 or buffer[2:4] != b"\0\0":
+        return None
+    length = 6 + int.from_bytes(buffer[4:6], "big")
+    return length if MBAP_BYTES + 2 <= length <= min(len(buffer), MOST_TCP_BYTES) else None
+
+
+def _after_late(buffer: bytes, transaction: int | None) -> int:
+    """Where whole answers to other questions end, over Modbus TCP; 0 where any number will do."""
+    begin = 0
+    while transaction is not None and (length := _first_tcp(buffer[begin:])) is not None:
+        if int.from_bytes(buffer[begin : begin + 2], "big") == transaction:
+            break
+        begin += length
+    return begin
+
+
 def _tcp_length(buffer: bytes) -> int | None:
     if len(buffer) < MBAP_BYTES + 1:
         return None
     length = 6 + int.from_bytes(buffer[4:6], "big")
-    if not MBAP_BYTES + 2 <= length <= 260:
+    if not MBAP_BYTES + 2 <= length <= MOST_TCP_BYTES:
         raise BadReplyError(f"not a Modbus TCP frame: {buffer[:16].hex(' ')}")
     return length if len(buffer) >= length else None

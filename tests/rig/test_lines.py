@@ -506,6 +506,19 @@ def test_with_any_number_and_a_third_of_the_answers_late_no_value_is_another_s(l
     assert failed > 5
 
 
+def test_a_late_answer_before_the_right_one_costs_nothing_over_tcp(on_socket):
+    def reply(request):
+        before = int.from_bytes(request[:2], "big") - 1
+        late = tcp_reply(before.to_bytes(2, "big") + request[2:6] + b"\x07" + request[7:], [7])
+        return late + tcp_reply(request, [8])
+
+    line = on_socket(reply)
+    begin = time.monotonic()
+    for _ in range(3):
+        assert modbus.exchange(line, "tcp", modbus.Request(1, modbus.READ_HOLDING, 0))[0] == (8,)
+    assert time.monotonic() - begin < line.timing.slowest_reply_s
+
+
 def test_a_reply_of_another_length_is_refused_over_tcp(on_socket):
     line = on_socket(lambda request: tcp_reply(request, [7]))
     with pytest.raises(BadReplyError, match="2 bytes of data where 6"):
