@@ -20,20 +20,16 @@ import pydantic
 
 import configs
 from configs import ConfigError, Strict
+from rig.bench import checks
 from rig.bench.instrument import FOLDER as INSTRUMENTS
 from rig.bench.instrument import ChannelFile, Instrument, InstrumentFile, Regulator, Wait, instrument_of
 from rig.recording.schema import SupplyTable
 
 BENCH_SOURCE = "bench.toml"
 FOLDER = configs.FOLDER / "benches"
-ENDS_OF_ROLES = {
-    "pressure": ("_bar_abs", "_bar_gauge"),
-    "speed": ("_rpm",),
-    "flow": ("l_min",),
-    "temperature": ("_c",),
-}
 
 Positive = Annotated[float, pydantic.Field(gt=0.0)]
+Span = Annotated[float, pydantic.Field(gt=0.0, le=86_400.0)]  # of time [s]: a day at most
 
 
 class AmbientTable(Strict):
@@ -96,7 +92,7 @@ class SafetyTable(Strict):
 
     highest_speed_rpm: Positive = 600.0
     highest_pressure_bar_abs: Positive = 4.0
-    speed_stale_s: Positive = 1.0
+    speed_stale_s: Wait = 1.0
     waive_failsafe: list[str] = pydantic.Field(
         default_factory=list
     )  # regulators that may run without a communications failsafe of their own
@@ -109,14 +105,14 @@ class SweepTable(Strict):
     order: Literal["up", "down", "up-down", "down-up", "random"] = "up-down"
     repeats: Annotated[int, pydantic.Field(ge=1, le=100)] = 1
     seed: int = 1  # of the random order
-    ramp_bar_s: Positive = 0.5
-    window_s: Positive = 3.0  # settled is judged over this
+    ramp_bar_s: Annotated[float, pydantic.Field(ge=1e-4, le=1e3)] = 0.5
+    window_s: Span = 3.0  # settled is judged over this
     speed_slope_rpm_s: Positive = 2.0  # settled: the slope over the window is below this, or not to be told from 0
     pressure_slope_bar_s: Positive = 0.005
     speed_scatter_rpm: Positive = 10.0
-    settle_timeout_s: Positive = 60.0
-    dwell_s: Positive = 5.0
-    zero_s: Positive = 3.0
+    settle_timeout_s: Span = 60.0
+    dwell_s: Span = 5.0
+    zero_s: Span = 3.0
     captures: list[Literal["coast-down", "spin-up"]] = pydantic.Field(default_factory=list)
     capture_level_bar_abs: Positive | None = None  # the highest level when left out
     agreeing_readings: Annotated[int, pydantic.Field(ge=2, le=10)] | None = None  # manual bench: instead of the clock
@@ -226,32 +222,12 @@ def read_bench(path: Path) -> Bench:
     if found is not None and found.parent != configs.FOLDER / "motors":
         sources[motor_source(str(motor))] = configs.read_source(found)
     bench = bench_of(path.stem, sources, str(path))
-    _refuse_other_quantities(bench, str(path))
-    _refuse_unreferenced_flow(bench, str(path))
-    return bench
-
-
-def _refuse_other_quantities(bench: Bench, place: str) -> None:
-    """Refuse a role whose channel is of another quantity; a run that was recorded so is still read."""
-    mistakes = [
-        f"{place}: roles.{role}: '{name}' is no {role}; its name would end with {' or '.join(ends)}"
-        for role, ends in ENDS_OF_ROLES.items()
-        if (name := getattr(bench.file.roles, role)) is not None and not name.endswith(ends)
-    ]
+    mistakes = checks.now(bench)
+    if isinstance(motor, str) and found is None:
+        mistakes.append(f"motor: there is no motor '{motor}'{checks.meant(motor, configs.FOLDER / 'motors')}")
     if mistakes:
-        raise ConfigError("\n".join(mistakes))
-
-
-def _refuse_unreferenced_flow(bench: Bench, place: str) -> None:
-    """Refuse a meter of standard litres of which nothing says the state; a run that was recorded so is still read."""
-    name = bench.file.roles.flow
-    channel = (name or "").partition(".")[2]
-    is_standard = channel.startswith("flow_") and channel != "flow_l_min"
-    if is_standard and bench.channel("flow")[1].reference is None:
-        raise ConfigError(
-            f"{place}: roles.flow: '{name}' is no flow at the inlet's state, and has no reference by which it is "
-            f"brought there; state channels.{channel}.reference in the instrument file"
-        )
+        raise ConfigError("\n".join(f"{path}: {mistake}" for mistake in mistakes))
+    return bench
 
 
 def bench_path(path: Path) -> Path:
@@ -279,18 +255,14 @@ def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
     a line each.
     """
     file = configs.validate(BenchFile, configs.parse_toml(sources[BENCH_SOURCE], place), place)
-    mistakes = _line_mistakes(file) + _address_mistakes(file)
+    mistakes = checks.of_lines(file) + checks.of_addresses(file)
     instruments = {}
     for device, table in file.devices.items():
         if table.line not in file.lines:
             mistakes.append(f"devices.{device}.line: there is no line '{table.line}' ({', '.join(file.lines)})")
         source = sources.get(instrument_source(table.instrument))
         if source is None:
-            known = sorted(found.stem for found in INSTRUMENTS.glob("*.toml"))
-            mistakes.append(
-                f"devices.{device}.instrument: there is no '{table.instrument}' in configs/instruments "
-                f"({', '.join(known)}), nor '{table.instrument}.toml' beside the bench file or in the project"
-            )
+            mistakes.append(f"devices.{device}.instrument: {checks.no_instrument(table.instrument, INSTRUMENTS)}")
             continue
         try:
             instruments[device] = instrument_of(source, instrument_source(table.instrument))
@@ -298,102 +270,7 @@ def bench_of(name: str, sources: Mapping[str, bytes], place: str) -> Bench:
             mistakes += [f"devices.{device}.instrument: {line}" for line in str(error).splitlines()]
     bench = Bench(name, file, instruments, dict(sources))
     if not mistakes:
-        mistakes += _role_mistakes(bench)
+        mistakes += checks.of_roles(bench)
     if mistakes:
         raise ConfigError("\n".join(f"{place}: {mistake}" for mistake in mistakes))
     return bench
-
-
-def _line_mistakes(file: BenchFile) -> list[str]:
-    mistakes = []
-    for name, line in file.lines.items():
-        if line.kind == "serial" and not line.port:
-            mistakes.append(f"lines.{name}: a serial line needs its port")
-        if line.kind == "tcp" and not line.host:
-            mistakes.append(f"lines.{name}: a tcp line needs its host")
-        if "/" in line.host or line.host.count(":") == 1:
-            mistakes.append(
-                f"lines.{name}.host: '{line.host}' is more than a name or an address; tcp_port has the port"
-            )
-        framing = line.framing or ("tcp" if line.kind == "tcp" else "rtu")
-        if line.transaction_numbers == "any" and (line.kind, framing) != ("tcp", "tcp"):
-            mistakes.append(f"lines.{name}: transaction_numbers is of Modbus TCP, and this line has none; take it out")
-        if line.slowest_reply_s < line.timeout_s:
-            mistakes.append(f"lines.{name}: slowest_reply_s is shorter than timeout_s; it is at least as long")
-        if "virtual" in (line.port, line.host) and file.virtual is None:
-            mistakes.append(f"lines.{name}: the port is virtual, and the file has no [virtual] table")
-    return mistakes
-
-
-def _address_mistakes(file: BenchFile) -> list[str]:
-    """Two entries of one line that answer to the same name, without saying that they are one device."""
-    mistakes = []
-    seen: dict[tuple[str, int | str], str] = {}
-    for name, table in file.devices.items():
-        if "." in name or not name.isprintable() or not name:
-            mistakes.append(f"devices.{name!a}: a device's name has no dot and no control character, and is not empty")
-        same = table.same_device_as
-        if same:
-            mistakes += _same_device_mistakes(file, name, same)
-        for address in (table.unit_id, table.address or None):
-            if address is None:
-                continue
-            other = seen.setdefault((table.line, address), name)
-            if not _entries_of(file, name) & _entries_of(file, other):
-                mistakes.append(
-                    f"devices.{name}: answers to {address!r} on line '{table.line}' as '{other}' does; if the two are "
-                    f'one device, of which two instrument files tell, write same_device_as = "{other}" here'
-                )
-    return mistakes
-
-
-def _same_device_mistakes(file: BenchFile, name: str, same: str) -> list[str]:
-    table, other = file.devices[name], file.devices.get(same)
-    key = f"devices.{name}.same_device_as"
-    if other is None or same == name:
-        others = ", ".join(device for device in file.devices if device != name)
-        return [f"{key}: there is no other device '{same}' ({others})"]
-    if (table.line, table.unit_id, table.address) != (other.line, other.unit_id, other.address):
-        return [f"{key}: '{same}' has another line, unit_id or address; one device has one of each"]
-    return []
-
-
-def _entries_of(file: BenchFile, name: str) -> set[str]:
-    """An entry, and those that it is said to be the same as, through others too."""
-    found: set[str] = set()
-    while name in file.devices and name not in found:
-        found.add(name)
-        name = file.devices[name].same_device_as
-    return found
-
-
-def _role_mistakes(bench: Bench) -> list[str]:
-    mistakes = []
-    drivers: dict[str, Any] = {}
-    for device in bench.file.devices:
-        try:
-            drivers[device] = bench.build(device)
-        except ConfigError as error:
-            mistakes += str(error).splitlines()
-    for role, name in bench.file.roles:
-        if name is None:
-            continue
-        device, _, channel = name.partition(".")
-        if device not in bench.file.devices:
-            mistakes.append(f"roles.{role}: there is no device '{device}' ({', '.join(bench.file.devices)})")
-            continue
-        if device not in drivers:
-            continue
-        driver = drivers[device]
-        if role == "regulator":
-            if not hasattr(driver, "write"):
-                mistakes.append(f"roles.regulator: '{device}' takes no set-point")
-        elif channel not in driver.channels:
-            mistakes.append(f"roles.{role}: '{device}' has no channel '{channel}' ({', '.join(driver.channels)})")
-    setting = [device for device, driver in drivers.items() if hasattr(driver, "write")]
-    mistakes += [
-        f"safety.waive_failsafe: '{name}' is no regulator of this bench ({', '.join(setting) or 'it has none'})"
-        for name in bench.file.safety.waive_failsafe
-        if name not in setting and (name in drivers or name not in bench.file.devices)
-    ]
-    return mistakes
