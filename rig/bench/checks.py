@@ -21,6 +21,7 @@ ENDS_OF_ROLES = {
     "flow": ("l_min",),
     "temperature": ("_c",),
 }
+LOWEST_ROOM_BAR = 0.5  # bar abs, of [ambient]
 VIRTUAL, DERIVED = "virtual", "derived"  # a port of the virtual bench; what the log calls channels that are computed
 
 
@@ -46,7 +47,32 @@ def no_instrument(name: str, folder: Path) -> str:
 
 def now(bench: Bench) -> list[str]:
     """What a bench is not used with."""
-    return [*_other_quantities(bench), *_unreferenced_flow(bench), *_shared_ports(bench.file)]
+    return [
+        *_other_quantities(bench),
+        *_unreferenced_flow(bench),
+        *_shared_ports(bench.file),
+        *_no_vent(bench),
+    ]
+
+
+def _no_vent(bench: Bench) -> list[str]:
+    """A regulator that cannot be ordered to give no pressure, or of which that is not known."""
+    device = bench.file.roles.regulator
+    if device is None:
+        return []
+    driver = bench.regulator(device)
+    most = {"bar gauge": 0.0, "bar abs": LOWEST_ROOM_BAR}.get(driver.unit)
+    if most is None:
+        return [
+            f"roles.regulator: the set-point of '{device}' is in '{driver.unit}'; a sweep needs bar gauge or bar abs: "
+            "scale the numbers, and write one of them as its unit"
+        ]
+    if driver.lowest <= most:
+        return []
+    return [
+        f"roles.regulator: '{device}' takes no less than {driver.lowest:g} {driver.unit}, so that it cannot be ordered "
+        f"to give no pressure; its lowest is {most:g} or less"
+    ]
 
 
 def _shared_ports(file: BenchFile) -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, Protocol, runtime_checkable
 
 import pydantic
@@ -22,8 +23,16 @@ from rig.recording.schema import OF_SPEED, SpeedKeys
 FOLDER = configs.FOLDER / "instruments"
 SPEED = "speed_rpm"
 
+
+def _not_zero(scale: float) -> float:
+    if scale == 0.0:
+        raise ValueError("a channel's scale is 0; it would read the same always")
+    return scale
+
+
 Positive = Annotated[float, pydantic.Field(gt=0.0)]
 NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
+Scale = Annotated[float, pydantic.Field(ge=-1e12, le=1e12), pydantic.AfterValidator(_not_zero)]
 Wait = Annotated[float, pydantic.Field(gt=0.0, le=3600.0)]  # for an answer [s]
 
 
@@ -39,9 +48,17 @@ class Reference(Strict):
     """The state that a standard-volume or mass flow, or a rotameter's scale, refers to."""
 
     kind: Literal["standard_volume", "rotameter_scale"]
-    pressure_bar_abs: Positive
-    temperature_c: float
+    pressure_bar_abs: Annotated[float, pydantic.Field(ge=0.3, le=50.0)]
+    temperature_c: Annotated[float, pydantic.Field(ge=-60.0, le=150.0)]
     note: str = ""
+
+
+def refuse_doubles(*states: Sequence[float | str]) -> None:
+    """Refuse a number, or a text, that stands for two states. Raises ValueError."""
+    seen = [one for state in states for one in set(state)]
+    double = next((one for one in seen if seen.count(one) > 1), None)
+    if double is not None:
+        raise ValueError(f"over_range, under_range, invalid: {double} stands in two of them; keep one")
 
 
 class ChannelFile(SpeedKeys):

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, cast
 
 import pydantic
 
 from configs import ConfigError, Strict
-from rig.bench.instrument import InstrumentError, InstrumentFile, Positive
+from rig.bench.instrument import InstrumentError, InstrumentFile, Positive, Scale
 from rig.instruments.ascii import NO_NUMBER, NUMBER, ask_text, ends_with
 from rig.instruments.codecs.values import Value, joined, printable
 from rig.instruments.placing import refuse_keyboard
@@ -44,7 +44,7 @@ GAS_NAME = re.compile(r"(?=.*[A-Za-z])[!-~]{1,20}")  # mixtures have names that 
 class Scaled(Strict):
     """A number of the device in the file's unit: value = scale * number + offset."""
 
-    scale: float = 1.0
+    scale: Scale = 1.0
     offset: float = 0.0
 
 
@@ -60,19 +60,17 @@ class Setpoint(Scaled):
     highest: float
     tolerance: Positive
 
+    @pydantic.model_validator(mode="after")
+    def _has_room(self) -> Setpoint:
+        if self.lowest >= self.highest:
+            raise ValueError("lowest lies below highest")
+        return self
+
 
 class TextSetpoint(Setpoint):
     """A set-point that is sent as text."""
 
     decimals: Annotated[int, pydantic.Field(ge=0, le=6)] = 3
-
-
-def refuse_no_scale(channels: Iterable[Scaled], setpoint: Setpoint | None) -> None:
-    """Refuse numbers that say nothing, and a set-point that has no room. Raises ValueError."""
-    if any(channel.scale == 0.0 for channel in channels):
-        raise ValueError("a channel's scale is 0")
-    if setpoint is not None and (setpoint.scale == 0.0 or setpoint.lowest >= setpoint.highest):
-        raise ValueError("setpoint: scale is not 0, and lowest lies below highest")
 
 
 class Settings(PolledFile):
@@ -92,7 +90,6 @@ class Settings(PolledFile):
                 f"layout: it holds {', '.join(named)} where the file has {', '.join(wanted)}; each stands once, others "
                 f"are '{GAS}' or '{UNUSED}'"
             )
-        refuse_no_scale(self.channels.values(), self.setpoint)
         return self
 
 

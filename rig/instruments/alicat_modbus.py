@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 import pydantic
 
 from rig.bench.instrument import ChannelFile, InstrumentError, InstrumentFile
-from rig.instruments.alicat import NO_FAILSAFE, Scaled, Setpoint, judge, refuse_no_scale
+from rig.instruments.alicat import NO_FAILSAFE, Scaled, Setpoint, judge
 from rig.instruments.codecs.registers import number_of, words_of
 from rig.instruments.codecs.values import Value
 from rig.instruments.placing import modbus_unit
@@ -51,7 +51,6 @@ class Settings(PolledFile):
         unknown = [name for name in self.channels if _quantity(name) is None]
         if unknown:
             raise ValueError(f"channels.{unknown[0]}: the names begin with {', '.join(PLACE_IN_BLOCK)}")
-        refuse_no_scale(self.channels.values(), self.setpoint)
         return self
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import pydantic
 
-from rig.bench.instrument import IdentityError, InstrumentFile
+from rig.bench.instrument import IdentityError, InstrumentFile, Scale, refuse_doubles
 from rig.instruments.codecs.streaming import Stream, cut_lines
 from rig.instruments.codecs.values import Value, printable
 from rig.instruments.placing import refuse_keyboard
@@ -47,11 +47,17 @@ PatternText = Annotated[str, pydantic.StringConstraints(min_length=1, max_length
 class TextChannel(UncheckedChannel):
     """A quantity in the reply: value = scale * number + offset."""
 
-    scale: float = 1.0
+    scale: Scale = 1.0
     offset: float = 0.0
     over_range: list[str] = pydantic.Field(default_factory=list)  # texts in the number's place
     under_range: list[str] = pydantic.Field(default_factory=list)
     invalid: list[str] = pydantic.Field(default_factory=list)
+
+    @pydantic.model_validator(mode="after")
+    def states_differ(self) -> TextChannel:
+        """Refuse a text that stands for two states."""
+        refuse_doubles(self.over_range, self.under_range, self.invalid)
+        return self
 
 
 class DecimalMarkError(BadReplyError):

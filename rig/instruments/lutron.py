@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import pydantic
 
-from rig.bench.instrument import InstrumentFile
+from rig.bench.instrument import InstrumentFile, Scale
 from rig.instruments.codecs.streaming import Stream
 from rig.instruments.codecs.values import Value
 from rig.instruments.placing import refuse_keyboard
@@ -35,7 +35,7 @@ class DisplayChannel(UncheckedChannel):
 
     display: Annotated[str, pydantic.StringConstraints(pattern=r"^[0-9]$")] = "1"
     unit_codes: list[UnitCode] = pydantic.Field(default_factory=list)  # another one is a fault; any, when left out
-    scale: float = 1.0
+    scale: Scale = 1.0
 
 
 class Settings(PolledFile):

@@ -93,3 +93,31 @@ def test_a_mistake_is_refused_with_what_to_do(tmp_path, old, new, words):
     with pytest.raises(ConfigError) as refused:
         read(tmp_path, old, new)
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "lowest", "words"),
+    [
+        ("psi", 0.0, "the set-point of 'regulator' is in 'psi'; a sweep needs bar gauge or bar abs"),
+        ("bar gauge", 0.2, "'regulator' takes no less than 0.2 bar gauge, so that it cannot be ordered to give no"),
+        (
+            "bar abs",
+            1.1,
+            "'regulator' takes no less than 1.1 bar abs, so that it cannot be ordered to give no pressure",
+        ),
+        ("bar abs", 0.0, ""),
+        ("bar gauge", -0.5, ""),
+    ],
+)
+def test_a_regulator_has_to_take_the_order_for_no_pressure(tmp_path, unit, lowest, words):
+    setpoint = f'[setpoint]\naddress = 1\ntype = "f32"\nunit = "{unit}"\nlowest = {lowest}\nhighest = 5.0\n'
+    head = 'format = "instrument/1"\nfamily = "modbus"\ntitle = "x"\nsource = "x"\ntrust = "documented"\n'
+    channel = '[channels.held_bar]\nunit = "bar"\naddress = 1\ntype = "f32"\n'
+    (tmp_path / "mine.toml").write_text(head + channel + setpoint)
+    device = '[devices.regulator]\ninstrument = "mine"\nline = "bus"\nunit_id = 7\n[roles]\nregulator = "regulator"'
+    if words:
+        with pytest.raises(ConfigError) as refused:
+            read(tmp_path, "[roles]", device)
+        assert words in str(refused.value)
+    else:
+        assert read(tmp_path, "[roles]", device).file.roles.regulator == "regulator"

@@ -254,6 +254,11 @@ def test_a_setting_of_the_device_that_the_file_does_not_expect_is_a_fault():
             {"setpoint": {"address": 1, "type": "u16", "unit": "bar", "lowest": 1.0, "highest": 1.0}},
             "lowest lies below",
         ),
+        (
+            {"setpoint": {"address": 65535, "type": "f32", "unit": "bar abs", "lowest": 0.0, "highest": 5.0}},
+            "it reaches beyond register 65535",
+        ),
+        ({"channel": {"over_range": [64000], "invalid": [64000]}}, "64000 stands in two of them"),
     ],
 )
 def test_a_modbus_file_that_makes_no_sense_is_refused(changes, words):
@@ -749,6 +754,11 @@ def test_no_line_does_more_to_the_entry_codec_than_be_refused(line):
         ("siargo_mf5700", ("address = 0x003A", "register = 0x003A"), "unknown key 'channels.flow_sl_min.register'"),
         ("lutron_tachometer", ('display = "1"', 'display = "12"'), "display"),
         ("alicat_pc_ascii", ("scale = 1.0 ", "scale = 0.0 "), "a channel's scale is 0"),
+        ("monarch_act3x", ("resolution = 0.1", "scale = 0.0"), "a channel's scale is 0"),
+        ("monarch_act3x", ("resolution = 0.1", 'over_range = ["OL"]\ninvalid = ["OL"]'), "OL stands in two of them"),
+        ("lutron_tachometer", ('display = "1"', 'display = "1"\nscale = 0'), "a channel's scale is 0"),
+        ("siargo_mf5700", ("pressure_bar_abs = 1.01325", "pressure_bar_abs = 101325"), "101325 Pa is 1.01325 bar"),
+        ("siargo_mf5700", ("temperature_c = 20.0", "temperature_c = 273.15"), "273.15 K is 0 degC"),
         ("alicat_pc_ascii", ("lowest = 0.0\nhighest = 7.0\n", "lowest = 7.0\nhighest = 7.0\n"), "highest"),
         ("monarch_act3x", ("(?P<speed_rpm>", "(?P<speed>"), "its named groups are ['speed']"),
         ("monarch_act3x", ('refusals = ["ERR"]', 'identity_query = "@PI"'), "identity_query and identity_pattern"),
