@@ -16,6 +16,7 @@ from rig.doctor.host import Host
 from rig.doctor.measure import of_orders
 from rig.doctor.trials import Ports
 from rig.instruments import ascii as ascii_family
+from rig.instruments.polling import Polled
 from rig.lines import Line, LineError, LostError, NoReplyError
 from rig.lines.line import LEAST_REAL_WAIT_S
 from rig.lines.modbus import RefusedError
@@ -141,6 +142,15 @@ class _Examination:
         if self.clock.rate > 1.0:
             timeout_s = max(timeout_s, LEAST_REAL_WAIT_S * self.clock.rate)
         found = measure.of_device(device, identity, latency, of_device.period_s, timeout_s, settings.update_s)
+        roles = self.bench.file.roles
+        is_watched = device in {role.partition(".")[0] for role in (roles.pressure, roles.speed)}
+        is_asked = isinstance(driver, Polled) and bool(getattr(settings, "query", True))
+        if is_watched and is_asked and self.clock.rate <= 1.0:
+            slowest_s = max(
+                timeout_s, settings.slowest_reply_s or self.bench.file.lines[of_device.line].slowest_reply_s
+            )
+            stale_s = self.bench.file.safety.speed_stale_s
+            found += measure.of_silence(device, latency, of_device.period_s, slowest_s, stale_s)
         return found, latency.p50_s if latency.failures < latency.polls else None
 
     def _of_silent(self, table: LineTable, silent: dict[str, tuple[LineError, bytes]], anyone: bool) -> list[Finding]:

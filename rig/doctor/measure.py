@@ -123,6 +123,23 @@ def of_device(
     return found
 
 
+def of_silence(device: str, latency: Latency, period_s: float, slowest_s: float, stale_s: float) -> list[Finding]:
+    """Whether one lost answer ends a run: the line is silent until the slowest reply could have come, and then waits as
+    long for a second answer.
+
+    `slowest_s`: `slowest_reply_s` of the line or the device [s].
+    `stale_s`: how long a run goes on without a reading [s].
+    """
+    gap_s = period_s + 2.0 * slowest_s
+    if gap_s <= stale_s or latency.failures == latency.polls:
+        return []
+    what = f"one lost answer leaves {gap_s:.2g} s without a reading, and speed_stale_s ({stale_s:g} s) ends a run then"
+    fix = (
+        f"lower slowest_reply_s ({slowest_s:g} s; the slow replies took {latency.p99_s:.2g} s), or raise speed_stale_s"
+    )
+    return [Finding(Level.WARNING, device, what, fix)]
+
+
 def of_line(where: str, taken: dict[str, tuple[float, float]]) -> list[Finding]:
     """Whether a line bears what is asked of it.
 

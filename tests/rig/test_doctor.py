@@ -118,6 +118,15 @@ def test_a_device_that_is_slower_than_asked_is_a_fault_with_the_period_that_woul
     assert "raise period_s" in only(findings, "line bus", Level.FAULT).fix
 
 
+def test_a_line_on_which_one_lost_answer_would_end_a_run_is_told(bench_on, host):
+    words = "one lost answer leaves 1.4 s without a reading, and speed_stale_s (1 s) ends a run then"
+    with peer() as device:
+        told = examine(bench_on(device.path, timeout_s=0.6), host=host, polls=2)
+        short = examine(bench_on(device.path, timeout_s=0.15), host=host, polls=2)
+    assert only(told, "gauge", Level.WARNING).what == words
+    assert of(told, "regulator", Level.WARNING) == of(short, "gauge", Level.WARNING) == []
+
+
 def test_replies_close_to_the_timeout_are_a_warning(bench_on, host):
     with peer(delay_s=0.12) as device:
         findings = examine(bench_on(device.path, timeout_s=0.19), host=host, polls=4)
