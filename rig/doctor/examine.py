@@ -31,7 +31,8 @@ SERVICES |= {b"220 ": "files or mail (FTP, SMTP)", b"RFB ": "a screen (VNC)"}
 # What to look at in the instrument file, by the code of the exception.
 WHERE_REFUSED = {
     1: "; see registers: input or holding",
-    2: "; see each address: on the wire they count from 0, so that a manual's 40001 or 30001 is 0; and registers",
+    2: "; see each address: on the wire they count from 0, so that a manual's 40001 or 30001 is 0; registers; and "
+    "largest_gap = 0, if it has none between those that the file names",
     3: "; see most_registers: it may take fewer in one question",
 }
 

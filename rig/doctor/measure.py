@@ -20,9 +20,9 @@ MOST_FAILURES = 3  # in a row; then it is known
 TIGHT = 0.7  # share of the timeout that the slow replies may take
 BUSY_SHARE = 0.8  # share of a line's time that may be taken
 BELOW_ALL = 1e-9
-# Whole numbers of 16 and 32 bits, all ones or the ends of the signed ones: a sensor that is off, or there is none.
-NO_VALUE = {str(number) for bits in (16, 32) for number in ((1 << bits) - 1, 1 << bits - 1, (1 << bits - 1) - 1)}
-NO_VALUE |= {str(-(1 << bits - 1)) for bits in (16, 32)}
+# Whole numbers of 16, 32 and 64 bits, all ones or the ends of the signed ones: a sensor that is off, or there is none.
+NO_VALUE = {str(number) for bits in (16, 32, 64) for number in ((1 << bits) - 1, 1 << bits - 1, (1 << bits - 1) - 1)}
+NO_VALUE |= {str(-(1 << bits - 1)) for bits in (16, 32, 64)}
 MOST = 1e30  # no instrument's number lies beyond; those of bytes in a wrong order often do
 LEAST = 1e-12  # share of the scale: what is less, and not 0, is often one of these too
 

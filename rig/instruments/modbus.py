@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 
 MOST_LATE = 3.0  # times `slowest_reply_s`: so late an answer may come against what the file says
+HOLE_CODES = (2, 3, 4)  # exceptions with which devices refuse registers that they do not have
 FUNCTIONS = {"holding": READ_HOLDING, "input": READ_INPUT}
 
 Image = Mapping[tuple[Table, int], int]  # registers by table and address
@@ -81,8 +82,12 @@ class Settings(PolledFile):
 
     def blocks(self) -> tuple[Span, ...]:
         """What a poll reads, each block with one question."""
+        return blocks_of(self.spans(), self.largest_gap, self.most_registers)
+
+    def spans(self) -> list[Span]:
+        """The registers that it names."""
         wanted: Iterable[RegisterChannel | Check] = [*self.channels.values(), *self.expect]
-        return blocks_of(map(self.span, wanted), self.largest_gap, self.most_registers)
+        return [self.span(of) for of in wanted]
 
 
 def image_of(blocks: Mapping[Span, Sequence[int]]) -> dict[tuple[Table, int], int]:
@@ -178,7 +183,7 @@ class ModbusDevice(Polled):
         """Check the identity register, where the file names one, and that every block can be read."""
         read, refused = repeated(lambda: self._read(line), 1)
         if refused:
-            raise next(iter(refused.values()))
+            raise self._of_a_hole(*next(iter(refused.items())))
         found = decode(self.settings, self._image(read))
         faults = "; ".join(sorted({value.detail for value in found.values() if value.quality is Quality.EXCEPTION}))
         who = f"{self.settings.title} at unit {self._unit.unit}"
@@ -194,6 +199,15 @@ class ModbusDevice(Polled):
             )
         blocks = f"; {self._what_reads()}" if len(self.blocks) > 1 else ""
         return joined(f"{who} ({check.meaning}: {words[0]}{blocks})", faults)
+
+    def _of_a_hole(self, i: int, refused: RefusedError) -> RefusedError:
+        """Why a block was refused; where it has registers that the file does not name, it may be for one of these."""
+        block = self.blocks[i]
+        used = {at for span in self.settings.spans() if block.holds(span) for at in range(span.first, span.end)}
+        if refused.code not in HOLE_CODES or len(used) == block.count:
+            return refused
+        hint = f"{block} has registers that the file does not name: if the device has none there, write largest_gap = 0"
+        return RefusedError(f"{refused}; {hint} in the instrument file", refused.code)
 
     def in_all_orders(self, line: Line) -> InAllOrders | None:
         """Read anew, and show a channel of several registers in every order; None where there is none.

@@ -11,6 +11,7 @@ from rig.bench.bench import DeviceTable, LineTable, Place, bench_of
 from rig.clock import Clock
 from rig.instruments import modbus
 from rig.lines import Line, Timing
+from rig.lines.modbus import RefusedError
 from rig.lines.serial import SerialPort
 from rig.readings import Quality
 from rig.replay.player import ReplayPort
@@ -141,6 +142,24 @@ def test_a_device_that_bears_fewer_registers_than_the_file_says_refuses(tmp_path
     assert readings["pressure_bar_abs"].quality is Quality.EXCEPTION
     assert "exception 2" in readings["temperature_c"].detail
     assert readings["speed_rpm"].good  # of another block
+
+
+@pytest.mark.parametrize(("keys", "named"), [({}, True), ({"largest_gap": 0}, False)])
+def test_a_device_that_refuses_a_hole_is_told_with_the_key_that_leaves_it_out(keys, named):
+    channels = {name: {"unit": "-", "address": at, "type": "u16"} for name, at in {"a_bar": 10, "b_bar": 20}.items()}
+    head = {"format": "instrument/1", "family": "modbus", "title": "t", "source": "s", "trust": "simulated"}
+    settings = modbus.Settings.model_validate(head | keys | {"channels": channels})
+    place = Place(DeviceTable(instrument="i", line="bus", unit_id=7), LineTable(kind="serial", port="pty"))
+    driver, clock = modbus.build("box", settings, place), Clock()
+    with ModbusPeer({7: {10: 5} if keys else {10: 5, 20: 5}}) as device:
+        wire = Line("bus", SerialPort(device.path, clock, 19200), clock, Timing(0.3, 0.4, 0.005))
+        wire.open()
+        with pytest.raises(RefusedError, match="exception 2") as refused:
+            driver.identify(wire)
+        wire.close()
+    hint = "holding 10 to 20 has registers that the file does not name: if the device has none there, write largest_gap"
+    assert (hint in str(refused.value)) is named
+    assert refused.value.code == 2
 
 
 class Losing(ModbusPeer):
