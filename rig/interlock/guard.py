@@ -40,6 +40,7 @@ DISCREPANCY = Discrepancy(sd=0.04, length=float(np.log(2.0)))
 LEAST_LOG_SD, LEAST_SD_RAD_S = 0.003, 0.1  # no reading counts for more; ripple and stiction are not modelled to 1 rpm
 TURNING_RAD_S = 0.2  # 2 rpm: below, the rotor stands
 MOST_POINTS = 100  # the latest
+SAME_SPEED = 0.005  # share by which a single reading may differ from its plateau's mean
 DRAWS = 512
 GAUGE_NODES_BAR = np.array([0.08, 0.12, 0.16, 0.2, 0.25, 0.3, 0.4, 0.55, 0.8, 1.2, 1.8, 3.0, 5.0])  # straight between
 FLOOR_NM = 1e-3  # a torque below has no logarithm worth having
@@ -171,15 +172,15 @@ class Guard:
         standing = max(points[turned + 1 :], key=lambda p: p.pressure_pa, default=None)
         if standing is not None:
             return self._should_turn(standing, points)
-        if len(points) < 2 or not _are_one_reading(*points[-2:]):
+        if len(points) < 2 or not _repeats(*points[-2:]):
             return ""
         before, last = points[-2:]
         expected, shown = self.predict(last.pressure_pa, points[:-1]), last.speed_rad_s * RPM
         if expected.lower99_rpm <= shown <= expected.upper99_rpm:
             return ""
         return (
-            f"the tachometer shows {shown:.6g} rpm all the time at {before.pressure_pa / BAR:.2f} and at "
-            f"{last.pressure_pa / BAR:.2f} bar abs; check that its display does not hang"
+            f"the tachometer shows {shown:.6g} rpm all the time at {last.pressure_pa / BAR:.2f} bar abs, as at "
+            f"{before.pressure_pa / BAR:.2f} bar abs before; check that its display does not hang"
         )
 
     def _should_turn(self, standing: Point, points: Sequence[Point]) -> str:
@@ -306,9 +307,10 @@ def _turns(point: Point) -> bool:
     return point.speed_rad_s > max(TURNING_RAD_S, 3.0 * point.speed_sd)
 
 
-def _are_one_reading(one: Point, other: Point) -> bool:
-    """Whether all speeds of two plateaus are the same to the last digit."""
-    return one.speed_sd == other.speed_sd == 0.0 and bool(np.isclose(one.speed_rad_s, other.speed_rad_s, rtol=1e-9))
+def _repeats(before: Point, last: Point) -> bool:
+    """Whether a plateau's readings are all the same, and what the plateau before it may have ended with."""
+    near = max(5.0 * before.speed_sd, SAME_SPEED * before.speed_rad_s)
+    return last.speed_sd == 0.0 and abs(last.speed_rad_s - before.speed_rad_s) <= near
 
 
 def _turning(points: Sequence[Point]) -> tuple[Point, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rig.bench.bench import SweepTable
 from rig.plateaus.plateau import Mean, Plateau, mean_of
-from rig.plateaus.settle import settled
+from rig.plateaus.settle import LEAST_READINGS, settled
 from rig.readings import NS, Reading
 from rig.sweep.orders import View
 
@@ -93,6 +93,14 @@ def none_turns(plateaus: Sequence[Plateau]) -> str:
     if not speeds or max(map(abs, speeds)) >= AT_REST_RPM:
         return ""
     return "no plateau shows the rotor turning; look whether it turns, and whether the tachometer sees it"
+
+
+def hanging(view: View, start_ns: int, end_ns: int) -> str:
+    """That the speed is one number between two times in which the rotor came to rest; empty when it is not."""
+    read = view.window("speed", start_ns, end_ns)
+    if read.size < LEAST_READINGS or np.ptp(read.value) > 0.0:
+        return ""
+    return f"the tachometer shows {read.value[0]:g} rpm all the time, though the line is vented; its display hangs"
 
 
 def not_settled(view: View, table: SweepTable, since_ns: int, now_ns: int) -> str:

@@ -167,6 +167,10 @@ class SweepMachine:
                 return self.fail(now_ns, missing)
             if unquiet and self._zero == "start" and not judge.is_near_ambient(view, self.course.ambient_bar):
                 return self.fail(now_ns, f"the line does not vent: {unquiet}")
+            if self._zero == "end" and not missing and judge.is_vented(view, self.course.ambient_bar):
+                if unquiet and (hangs := judge.hanging(view, self._entered_ns, now_ns)):
+                    return self.fail(now_ns, hangs)
+                self._remarks += [unquiet] if unquiet else []
             self._quiet_ns = now_ns
             return [Say(f"zero taken although {unquiet}", warning=True)] if unquiet else []
         end_ns = self._quiet_ns + round(self.table.zero_s * NS)

@@ -208,9 +208,11 @@ def test_a_rotor_that_stands_at_a_low_level_and_then_turns_is_not_doubted():
 
 def test_a_display_that_hangs_is_doubted_and_one_that_is_coarse_is_not():
     first = Point(1.3 * BAR, speed_at(MOTOR, 1.3 * BAR), 0.0, 100.0)
-    assert "rpm all the time at 1.30 and at 1.60 bar abs" in GUARD.doubt(
-        [first, dataclasses.replace(first, pressure_pa=1.6 * BAR)]
-    )
+    for scatter in (0.0, 0.05):  # where it hung between the two, and where it did amid the first
+        before = dataclasses.replace(first, speed_sd=scatter)
+        hung = dataclasses.replace(first, pressure_pa=1.6 * BAR, speed_rad_s=first.speed_rad_s + 2.0 * scatter)
+        assert "rpm all the time at 1.60 bar abs, as at 1.30 bar abs before" in GUARD.doubt([before, hung])
+        assert GUARD.doubt([before, dataclasses.replace(hung, speed_sd=0.01)]) == ""
     assert GUARD.doubt([first, dataclasses.replace(first, pressure_pa=1.305 * BAR)]) == ""
 
 

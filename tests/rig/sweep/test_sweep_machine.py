@@ -177,6 +177,19 @@ def test_a_sweep_in_which_no_rotor_was_seen_turning_says_so_at_its_end():
     assert walk.finish.reason.startswith("no plateau shows the rotor turning; look whether it turns")
 
 
+def test_a_tachometer_that_shows_a_turning_rotor_when_the_line_is_vented_has_failed_the_run():
+    class Hangs(Lab):
+        def read(self, role, name, value, scatter):
+            hangs = role == "speed" and self.readings[role] and self.now_ns > 10 * NS
+            super().read(role, name, self.readings[role][-1].value if hangs else value, 0.0 if hangs else scatter)
+
+    walk = Walk(steps=[Step(1.3, "up", 1)], lab=Hangs()).go()
+    assert walk.machine.plateaus[0].means["speed"].mean > 10.0
+    assert walk.finish.outcome == "failed"
+    assert "rpm all the time, though the line is vented; its display hangs" in walk.finish.reason
+    walk.assert_vented_last()
+
+
 def test_a_sweep_whose_tachometer_dies_before_its_capture_has_failed():
     walk = Walk(steps=[Step(1.3, "up", 1)], captures=[CaptureTask("coast-down", 1.6, 0.2)])
     walk.lab = Dying(float("inf"))
