@@ -113,6 +113,7 @@ def _unreferenced_flow(bench: Bench) -> list[str]:
 
 
 def of_lines(file: BenchFile) -> list[str]:
+    """Lines that lack a key, or have two that do not go together."""
     mistakes = []
     for name, line in file.lines.items():
         if line.kind == "serial" and not line.port:
@@ -178,6 +179,7 @@ def _entries_of(file: BenchFile, name: str) -> set[str]:
 
 
 def of_roles(bench: Bench) -> list[str]:
+    """Roles of channels that are not there, and waivers of what is no regulator."""
     mistakes = []
     drivers: dict[str, Any] = {}
     for device in bench.file.devices:
