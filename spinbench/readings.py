@@ -85,6 +85,7 @@ def read(path: Path, quiet: bool = False, among_many: bool = False) -> Recording
     """A recording: a recording/1 folder, or what a run's plateaus and captures amount to, with remarks on it.
 
     `among_many`: the remarks have the folder's name.
+    Raises RunError for a sealed run whose readings are not as they were sealed: all that is wrong with it.
     """
     from rig.recording import read_recording
     from rig.runlog.folder import END, START
@@ -96,6 +97,7 @@ def read(path: Path, quiet: bool = False, among_many: bool = False) -> Recording
     from rig.exchange.export import recording_of
     from rig.runlog import read_run
 
+    refuse_changed(path)
     exported = recording_of(read_run(path))
     whose = f"{path.name}: " if among_many else ""
     for words in exported.notes if not quiet else ():
@@ -103,11 +105,13 @@ def read(path: Path, quiet: bool = False, among_many: bool = False) -> Recording
     return exported.recording
 
 
-def read_sound(path: Path) -> Recording:
-    """One recording of many, whose remarks nobody may read.
+def read_of_many(path: Path) -> Recording:
+    """One recording of many, read by another process."""
+    return read(path, among_many=True)
 
-    Raises RunError for a sealed run whose readings are not as they were sealed: all that is wrong with it.
-    """
+
+def refuse_changed(path: Path) -> None:
+    """Refuse a sealed run whose readings are not as they were sealed. Raises RunError: all that is wrong with it."""
     from rig.runlog.folder import EVENTS, PLATEAUS, SAMPLES, START, RunError
     from rig.runlog.reader import read_end
     from rig.runlog.verify import changed, verify
@@ -115,10 +119,9 @@ def read_sound(path: Path) -> Recording:
     end = read_end(path)
     if end is not None and changed(path, end, (START, SAMPLES, EVENTS, PLATEAUS)):
         raise RunError(
-            f"not as it was sealed: {'; '.join(verify(path))}; take a sound copy or, where the change is meant, export "
-            "the run and name what that makes"
+            f"{path}: not as it was sealed: {'; '.join(verify(path))}; take a sound copy or, where the change is "
+            "meant, export the run and name what that makes"
         )
-    return read(path, among_many=True)
 
 
 def _check_written_out(recording: Recording) -> None:

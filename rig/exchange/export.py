@@ -103,7 +103,7 @@ def _origin(run: Run) -> dict[str, str]:
         "operator": start.operator,
         "motor_serial": start.motor_serial,
         "oil": start.lubrication,
-        "note": f"{note}{'; ' * bool(note)}{of_run(run.name, start.bench)}",
+        "note": f"{note}{'; ' * bool(note)}{of_run(run.name, start.bench, start.seal)}",
         "parent": start.goes_on_from,
     }
     return {key: text[:MOST_TEXT] for key, text in said.items() if text}

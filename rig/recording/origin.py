@@ -11,18 +11,18 @@ from datetime import UTC, datetime
 from typing import Any
 
 NOT_ISO = "is not ISO 8601 (year-month-day, such as 2026-05-28)"
-_OF_RUN = re.compile(r"(?:^|; )run (\S{1,200}), bench (.{1,200})$")
+_OF_RUN = re.compile(r"(?:^|; )run (\S{1,200}), bench (.{1,200}?)(?:, seal ([0-9a-f]{64}))?$")
 
 
-def of_run(run: str, bench: str) -> str:
-    """The end of its note."""
-    return f"run {run}, bench {bench}"
+def of_run(run: str, bench: str, seal: str = "") -> str:
+    """The end of its note. `seal`: SHA-256 of what the bench conceals; empty where it conceals nothing."""
+    return f"run {run}, bench {bench}" + (f", seal {seal}" if seal else "")
 
 
-def run_and_bench(origin: Any) -> tuple[str, str] | None:
-    """Names of run and bench, by an [origin]; None where it names none."""
+def run_bench_and_seal(origin: Any) -> tuple[str, str, str] | None:
+    """Names of run and bench, and the seal of one that conceals something, by an [origin]; None where it has none."""
     found = _OF_RUN.search(str(origin.get("note", ""))) if isinstance(origin, dict) else None
-    return None if found is None else (found[1], found[2])
+    return None if found is None else (found[1], found[2], found[3] or "")
 
 
 def parsed(text: str | None) -> datetime | None:

@@ -91,11 +91,15 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a bench is: its clock, its ports, and what a watchdog has to know of a virtual one's."""
+    """Where a bench is: its clock, its ports, and what a watchdog has to know of a virtual one's.
+
+    `seal`: SHA-256 of what the bench conceals; empty where it conceals nothing.
+    """
 
     clock: Clock
     ports: Callable[[str, LineTable, Clock], Port]
     virtual: dict[str, Any] | None
+    seal: str = ""
 
 
 @contextlib.contextmanager
@@ -120,7 +124,7 @@ def place_of(
 
     flywheel = () if added_inertia_kg_m2 is None else ("--added-inertia", str(added_inertia_kg_m2))
     with launch(path, rate, server=(*(server or SERVER), *flywheel)) as virtual:
-        yield Place(virtual.clock, virtual.port_for, virtual.ports["lines"])
+        yield Place(virtual.clock, virtual.port_for, virtual.ports["lines"], virtual.ports.get("seal", ""))
 
 
 Plan = Callable[[Bench, Ambient], tuple[Course, list[str]]]
@@ -230,8 +234,9 @@ class _Run:
             wanted.motor_serial,
             wanted.note,
         )
-        simulated = self.place.virtual is not None
-        return start_record(self.bench, kind, self.place.clock, self.acquisition.identities(), circumstances, simulated)
+        place, identities = self.place, self.acquisition.identities()
+        simulated, more = place.virtual is not None, {"seal": place.seal}
+        return start_record(self.bench, kind, place.clock, identities, circumstances, simulated, more)
 
     def _course(self, writer: RunWriter, course: Course, hooks: Hooks) -> Outcome:
         steps = [[step.level_bar_abs, step.direction, step.repeat] for step in course.steps]
@@ -363,8 +368,10 @@ class _Run:
 
 
 def _reason(error: BaseException) -> str:
-    """Why a run failed. Where its output is closed, as by ``| head``, rich ends the program."""
-    if isinstance(error, SystemExit | BrokenPipeError):
+    """Why a run failed. Where its output is closed, as by ``| head``, rich ends the program on a BrokenPipeError."""
+    if isinstance(error, BrokenPipeError) or (
+        isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError)
+    ):
         return "its output was closed"
     return f"{type(error).__name__}: {error}"
 

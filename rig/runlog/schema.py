@@ -114,6 +114,7 @@ class StartRecord(Record):
     operator: Text = ""
     note: Text = ""
     simulated: bool = False
+    seal: Text = ""  # SHA-256 of what a bench conceals
     parent: Text | None = None
     motor: Text | dict[str, Any] = "ptm3600"
     motor_serial: Text = ""

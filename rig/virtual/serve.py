@@ -48,6 +48,7 @@ class VirtualServer:
     `rate`: seconds of the bench in one of the wall [-]; the file's when left out.
     `seed`: of everything that is left to chance [-]; the file's when left out.
     `plant_of`: makes line and motor of the bench file; the project's own model when left out.
+    `seal`: asked for the SHA-256 of what the bench conceals; empty where it conceals nothing.
     """
 
     def __init__(
@@ -57,11 +58,12 @@ class VirtualServer:
         rate: float | None = None,
         seed: int | None = None,
         plant_of: PlantOf | None = None,
+        seal: Callable[[], str] = str,
     ) -> None:
         virtual = bench.file.virtual
         if virtual is None:
             raise ConfigError(f"{bench.name}: the bench file has no [virtual] table, so there is nothing to simulate")
-        self.bench, self.folder = bench, folder
+        self.bench, self.folder, self.seal = bench, folder, seal
         self.seed = virtual.seed if seed is None else seed
         lines = virtual_lines(bench.file)
         devices_of = {
@@ -153,7 +155,7 @@ class VirtualServer:
             "clock_start_ns": self.clock.start_ns,
             "lines": {name: bus.wire.address() for name, bus in self.buses.items()},
             "control": self.control.address(),
-        }
+        } | ({"seal": seal} if (seal := self.seal()) else {})
 
     def _tick(self) -> None:
         now_ns = self.clock.now_ns()
@@ -223,15 +225,17 @@ def serve(
     linger_s: float = LINGER_S,
     plant_of: PlantOf | None = None,
     ready: Callable[[], None] = lambda: None,
+    seal: Callable[[], str] = str,
 ) -> None:
     """Serve a bench until told to stop.
 
     `rate`: seconds of the bench in one of the wall [-].
     `linger_s`: how long after the owner this process ends, on the wall's clock [s].
     `plant_of`: makes line and motor of the bench file; the project's own model when left out.
+    `seal`: asked for the SHA-256 of what the bench conceals; empty where it conceals nothing.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    server = VirtualServer(bench, folder.resolve(), rate, seed, plant_of)
+    server = VirtualServer(bench, folder.resolve(), rate, seed, plant_of, seal)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.loop.stop())
     server.run(owner, linger_s, ready)

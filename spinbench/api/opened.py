@@ -53,8 +53,10 @@ class Opened:
         Raises
         ------
         RunError
-            When the run is being written, or holds nothing that a recording could.
+            When the run is being written, was changed since it was sealed, or holds nothing that a recording could.
         """
+        if self.run is not None:
+            readings.refuse_changed(self.run.folder)
         return self._exported.recording
 
     @property

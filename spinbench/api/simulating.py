@@ -34,7 +34,24 @@ def motor_of(motor: str | Path | Motor, assignments: Iterable[str] = ()) -> Moto
 
 def assignments_of(values: Values | None) -> list[str]:
     """Changed values of a motor as the command line takes them, ``NAME=VALUE``."""
-    return [f"{name}={str(one).lower() if isinstance(one, bool) else one}" for name, one in (values or {}).items()]
+    return set_once(
+        [f"{name}={str(one).lower() if isinstance(one, bool) else one}" for name, one in (values or {}).items()]
+    )
+
+
+def set_once(assignments: list[str]) -> list[str]:
+    """``NAME=VALUE`` changes as given; ConfigError where one parameter is changed twice, by any of its names."""
+    from configs import ConfigError
+    from model.motor import QUANTITIES, name_with_unit
+
+    names = {name_with_unit(name): name for name in QUANTITIES}
+    first: dict[str, str] = {}
+    for one in assignments:
+        name = one.partition("=")[0].strip()
+        before = first.setdefault(names.get(name, name), one)
+        if before is not one:
+            raise ConfigError(f"--set {one[:60]}: {before[:60]} is given too; set one parameter once")
+    return assignments
 
 
 def simulate(

@@ -40,6 +40,15 @@ class _Command(TyperCommand):
     def get_params(self, ctx: Any) -> list[Any]:
         return _without_type_of_switches(super().get_params(ctx))
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Refuse an option that is given twice, where one of the two would be left out in silence."""
+        given = self.make_parser(ctx).parse_args(args=list(args))[2]
+        single = [one for one in given if not one.multiple and one.param_type_name == "option"]
+        for i, one in enumerate(single):
+            if one in single[:i]:
+                ctx.fail(f"{'/'.join(one.opts + one.secondary_opts)} is given twice; give it once")
+        return super().parse_args(ctx, args)
+
     def format_help(self, ctx: Any, formatter: Any) -> None:
         super(TyperCommand, self).format_help(ctx, formatter)
 
@@ -70,6 +79,7 @@ app = typer.Typer(
     cls=_Group,
     help="Bench tool for a pneumatic radial piston motor: calibrates its dynamic model and says how sure it is.",
     invoke_without_command=True,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 runs_app = typer.Typer(

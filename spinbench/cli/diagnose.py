@@ -80,7 +80,7 @@ def diagnose(
     promise = _promised(earlier, new, resume)
     parts = without([*(earlier.recordings if earlier else []), *new], left_out or [])
     remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
-    sharing = own_of_each(per_recording or [], len(parts))
+    sharing = own_of_each(options.ids_in(per_recording), len(parts))
     given = as_given(parts, apart=bool(sharing.own))
     read = given[0] if len(given) == 1 else given
     with diagnosing() as tell:

@@ -85,7 +85,14 @@ def fit(
     channels = ("pressure", "speed") if speed_only else None
     workers = min(2, os.cpu_count() or 1)
     read, asked = prepared(
-        parts, settings, assignments or [], channels, effects.split(","), steady_only, per_recording or [], workers
+        parts,
+        settings,
+        assignments or [],
+        channels,
+        options.ids_in([effects]),
+        steady_only,
+        options.ids_in(per_recording),
+        workers,
     )
     planned = fits.variants(read, asked.channels, compare, gauge_span_bar)
     found = fitted(read, asked, out / "chain" if out else None)

@@ -62,7 +62,7 @@ def fit(
     processes = workers or os.cpu_count() or 1
     with bars() as begin:
         rows = fleet.fit_all(
-            found, readings.read_sound, settings, steady_only, out, processes, scheduler, begin("fits")
+            found, readings.read_of_many, settings, steady_only, out, processes, scheduler, begin("fits")
         )
     figures = [(row.get("f_overall_mean"), row.get("f_overall_sd")) for row in rows]
     fits_well = {True: "yes", False: "no: do not rely on it", None: ""}
@@ -100,7 +100,7 @@ def trend(
     write_files(out, history.report(rows, read))
     for words in said:
         print(words)
-    remark(*(f"{row['recording']}: {row['error']}" for row in rows if row["error"]))
+    remark(*_failed(rows))
     alarms = trends.alarms(trends.trends(rows))
     for words in alarms:
         print(f"ALARM: {words}", file=sys.stderr)
@@ -121,9 +121,15 @@ def _diagnosed(
     before = recordings_in(read_if_there(out / fleet.CSV))
     with bars() as begin:
         processes = workers or os.cpu_count() or 1
-        rows = fleet.diagnose_all(found, readings.read_sound, seed, out, processes, scheduler, begin("diagnoses"))
+        rows = fleet.diagnose_all(found, readings.read_of_many, seed, out, processes, scheduler, begin("diagnoses"))
     tell_replaced(out, before, [str(row["recording"]) for row in rows])
     return rows
+
+
+def _failed(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """What failed, a line each, which names the recording once."""
+    told = [(row["recording"], row["error"]) for row in rows if row["error"]]
+    return [f"{one}: {error.replace(f'{Path(one).resolve()}: ', '', 1)}" for one, error in told]
 
 
 def _need_packages(scheduler: str | None) -> None:
@@ -146,8 +152,8 @@ def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[
         table.add_row(*(escape(cell) for cell in cells))
     on_terminal(table)
     print(out / fleet.CSV)
-    failed = [row for row in rows if row["error"]]
-    remark(*(f"{row['recording']}: {row['error']}" for row in failed))
+    failed = _failed(rows)
+    remark(*failed)
     folders = [Path(row["recording"]) for row in rows]
     refuse_other_than_iso({one: readings.date_stated(one) for one in folders})
     for words in fleet.write_trend(out, rows):

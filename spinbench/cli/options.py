@@ -15,6 +15,18 @@ def out_folder(what: str) -> Any:
     return typer.Option("-o", "--out", metavar="DIR", help=what)
 
 
+def ids_in(given: list[str] | None) -> list[str]:
+    """Ids that stand one by one, or several with commas between them."""
+    return [name for text in given or [] for one in text.split(",") if (name := one.strip())]
+
+
+def _once(assignments: list[str] | None) -> list[str] | None:
+    """What is set, each parameter once."""
+    from spinbench.api.simulating import set_once
+
+    return set_once(assignments or [])
+
+
 RecordingsArgument = Annotated[
     list[Path],
     typer.Argument(
@@ -26,7 +38,12 @@ MotorOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter or a reading; may be given several times."),
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        callback=_once,
+        help="Change a parameter or a reading; may be given several times, each name once.",
+    ),
 ]
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for standard output.")
@@ -50,8 +67,8 @@ PerRecordingOption = Annotated[
     list[str] | None,
     typer.Option(
         "--per-recording",
-        metavar="EFFECT",
-        help="An effect whose sizes are each recording's own, and not shared; may be given several times.",
+        metavar="ID,ID",
+        help="Effects whose sizes are each recording's own, and not shared; may be given several times.",
     ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed; the same seed gives the same result to the bit.")]

@@ -184,6 +184,11 @@ def test_a_sweep_whose_output_is_closed_says_so(bench, tmp_path):
     assert read_run(only_run(logs)).end.reason == "its output was closed"
 
 
+def test_a_program_that_is_ended_is_not_told_as_a_closed_output():
+    assert running._reason(BrokenPipeError()) == "its output was closed"
+    assert running._reason(SystemExit(3)) == "SystemExit: 3"
+
+
 def test_a_pressure_limit_above_the_model_s_end_is_refused(bench, tmp_path, spinbench_anywhere):
     path = tmp_path / "slip.toml"
     path.write_text(bench.read_text().replace("highest_pressure_bar_abs = 3.0", "highest_pressure_bar_abs = 30.0"))

@@ -313,3 +313,30 @@ def test_a_place_for_a_comparison_that_was_not_asked_for_is_refused(tmp_path, sp
     done = spinbench_here("replay", "last", "-o", "out", cwd=tmp_path)
     assert done.returncode == 2
     assert "is for the comparison with the model" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("again", "says"),
+    [
+        (["--set", "f_overall=0.06", "--set", "f_overall=0.07"], "--set f_overall=0.07: f_overall=0.06 is given too"),
+        (["--set", "port_lap=8", "--set", "port_lap_deg=9"], "--set port_lap_deg=9: port_lap=8 is given too"),
+        (["--points", "3", "--points", "4"], "--points is given twice; give it once"),
+        (["-o", "here", "--out", "there"], "-o/--out is given twice; give it once"),
+    ],
+)
+def test_what_is_given_twice_is_refused_and_not_left_out_in_silence(again, says, tmp_path):
+    result = run("simulate", "--pressure-bar-abs", "2", *again, cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert says in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_effects_of_each_recording_may_stand_with_commas_between_them():
+    result = run("diagnose", "published_sweep", "--per-recording", "windage, leakag")
+    assert "no effect is called 'leakag'; the nearest is leakage" in result.stderr
+    assert "'windage, leakag'" not in refused_last(result)
+
+
+def refused_last(result: subprocess.CompletedProcess[str]) -> str:
+    assert result.returncode == 2, result.stderr
+    return result.stderr.splitlines()[-1]

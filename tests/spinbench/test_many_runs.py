@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import spinbench
 from calibration import fleet
 from rig.runlog import RunError
 from spinbench import readings
@@ -65,7 +66,21 @@ def test_a_run_that_lacks_a_line_at_its_end_is_not_sound(tmp_path, file):
     run = run_in(tmp_path, "cut")
     damage(run / file, slice(-1, None))
     with pytest.raises(RunError, match=rf"not as it was sealed: {file}: changed since .*; take a sound copy"):
-        readings.read_sound(run)
+        readings.read_of_many(run)
+
+
+def test_a_changed_run_is_refused_alone_as_among_many(tmp_path, spinbench_here):
+    run = run_in(tmp_path / "fleet", "cut")
+    damage(run / "samples.csv", slice(-400, None))
+    words = "not as it was sealed: samples.csv: changed"
+    for command in (["fit", run], ["diagnose", run], ["compare", run, run], ["many", "fit", "fleet", "-o", "out"]):
+        done = spinbench_here(*command, cwd=tmp_path)
+        assert done.returncode == 2
+        (line,) = [line for line in done.stderr.splitlines() if words in line]
+        assert line.count("cut: ") == 1
+    with pytest.raises(RunError, match=words):
+        _ = spinbench.open(run).recording
+    assert len(spinbench.open(run).readings)
 
 
 def test_a_run_without_its_beginning_is_found_and_refused(tmp_path):
@@ -73,18 +88,18 @@ def test_a_run_without_its_beginning_is_found_and_refused(tmp_path):
     (run / "start.json").unlink()
     assert fleet.recordings_in([tmp_path], readings.is_recording) == [run]
     with pytest.raises(RunError, match=r"holds no start\.json"):
-        readings.read_sound(run)
+        readings.read_of_many(run)
 
 
 def test_remarks_on_one_of_many_name_it(tmp_path, capsys):
     """The bytes on the wire are no readings: without their end the run is read, with a remark."""
     run = run_in(tmp_path, "no_bytes")
     damage(run / "wire.jsonl", slice(-1, None))
-    assert readings.read_sound(run).files
+    assert readings.read_of_many(run).files
     assert "spinbench: no_bytes: wire.jsonl was changed since the run was sealed\n" in capsys.readouterr().err
 
 
 def test_a_killed_run_is_read_as_one_of_many(tmp_path, capsys):
     run = write_sweep(tmp_path, seal=False).rename(tmp_path / "killed")
-    assert readings.read_sound(run).files
+    assert readings.read_of_many(run).files
     assert "spinbench: killed: the run is killed\n" in capsys.readouterr().err

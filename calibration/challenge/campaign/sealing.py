@@ -53,6 +53,12 @@ def is_sealed(folder: Path) -> bool:
     return (folder / FOLDER / TRUTHS).exists()
 
 
+def hash_of(folder: Path) -> str:
+    """SHA-256 of what was sealed, which is public; empty where nothing is."""
+    file = folder / FOLDER / HASH
+    return file.read_text(encoding="ascii").strip() if file.is_file() else ""
+
+
 def open_seal(folder: Path, key: Path | None = None) -> tuple[dict[str, Any], str]:
     """Decrypt.
 

@@ -206,7 +206,7 @@ def main() -> int:
     o = parser.parse_args()
     made = concealed_plant(o.seal, o.key, o.conceal_seed, o.only)
     try:
-        serve(bench_of(o), o.state, o.rate, o.owner, o.seed, o.linger, made)
+        serve(bench_of(o), o.state, o.rate, o.owner, o.seed, o.linger, made, seal=lambda: sealing.hash_of(o.seal))
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2

@@ -30,7 +30,7 @@ from calibration.report.diagnosis.words import effect_in_words
 from calibration.report.units import powers
 from model.effects.library import effects
 from rig.recording.mistakes import shown
-from rig.recording.origin import parsed, run_and_bench
+from rig.recording.origin import parsed, run_bench_and_seal
 
 FALSE_NAME, FALSE_ALARM = "false name", "false alarm"
 SCORES = {
@@ -44,6 +44,7 @@ SCORES = {
     ALARM: FALSE_ALARM,
     FAILED: "failed",
 }
+GIVE = "give a diagnosis of a run that was taken with this seal"
 BEFORE = timedelta(hours=1)  # a run begins about when its bench is sealed
 FIXED = {("leakage", "laminar"): {"exponent": 1.0}}  # what a form says without a figure
 UNITS = {"nm": "N m", "rad_s": "rad/s", "pa": "Pa", "s": "s", "m3_s": "m3/s", "m2": "m2", "kg_s_pa2": "kg/(s Pa2)"}
@@ -126,25 +127,26 @@ def score_in_words(scored: Mapping[str, Any]) -> list[str]:
 def refuse_of_another(contents: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> list[str]:
     """Refuse a diagnosis that cannot be of a run of this seal's bench, by what its recordings say of themselves.
 
-    Returns what each is of, as far as that is said. Raises ChallengeError: of another bench, or older than the seal.
+    Returns what each is of, as far as that is said. Raises ChallengeError: of another bench or seal, or older than it.
     """
     told = []
     for one in diagnosis.get("recordings") or [{}]:
         origin, place = one.get("origin", {}), shown(str(one.get("folder", "the diagnosis")), 200)
-        run, bench = (shown(said, 200) for said in run_and_bench(origin) or ("", ""))
+        run, bench, seal = (shown(said, 200) for said in run_bench_and_seal(origin) or ("", "", ""))
         if run and bench != contents["bench"]:
             raise ChallengeError(
-                f"{place} is run {run} of bench {bench}, and the seal is of bench {contents['bench']}; give a "
-                "diagnosis of a run that was taken with this seal"
+                f"{place} is run {run} of bench {bench}, and the seal is of bench {contents['bench']}; {GIVE}"
             )
+        if seal and seal != contents["truth_sha256"]:
+            raise ChallengeError(f"{place} is run {run}, which was taken with another seal; {GIVE}")
         taken, sealed = parsed(origin.get("date")), parsed(contents.get("sealed"))
         if taken and sealed and taken.date() < (sealed - BEFORE).date():
             raise ChallengeError(
-                f"{place} was taken on {taken.date()}, before anything was sealed ({sealed.date()}); give a diagnosis "
-                "of a run that was taken with this seal"
+                f"{place} was taken on {taken.date()}, before anything was sealed ({sealed.date()}); {GIVE}"
             )
         known = f"is run {run} of bench {bench}" if run else "does not say of which run it is"
-        told.append(f"{place} {known}: see for yourself that it was taken with this seal")
+        sure = ", taken with this seal" if seal else ": see for yourself that it was taken with this seal"
+        told.append(f"{place} {known}{sure}")
     return told
 
 

@@ -34,9 +34,9 @@ from calibration.challenge.second_rig.machine import marches
 from calibration.report.diagnosis.words import effect_in_words
 from model.effects.library import effects
 from rig.bench.bench import FOLDER, read_bench
-from rig.exchange.export import export_recording
+from rig.exchange.export import export_recording, recording_of
 from rig.readings import NS
-from rig.recording.origin import run_and_bench
+from rig.recording.origin import run_bench_and_seal
 from rig.run.running import Wanted, take
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
@@ -257,6 +257,9 @@ def test_a_sweep_over_the_wire_finishes_and_reads_what_is_concealed(swept):
     run = read_run(made)
     assert verify(made) == []
     contents = revealing.reveal(seal, key)
+    assert run.start.seal == contents["truth_sha256"]
+    note = recording_of(run).recording.origin["note"]
+    assert note == f"run {run.name}, bench {run.start.bench}, seal {run.start.seal}"
     (effect,) = contents["truth"]["effects"]
     assert effect["id"] == "coulomb_friction"
     for plateau in run.plateaus:
@@ -411,6 +414,20 @@ def test_a_diagnosis_of_another_bench_or_time_is_not_scored(tmp_path, reveal, ma
     assert says in done.stderr and len(done.stderr.splitlines()) == 1
 
 
+def test_two_benches_of_one_name_and_day_are_told_apart_by_what_is_sealed(tmp_path, reveal):
+    key, told, bench = tmp_path / "key", tmp_path / "diagnosis.json", read_bench(Path("virtual"))
+    for name in ("mine", "other"):
+        opened_or_drawn(bench, tmp_path / name, key, 1, "windage")
+    of_mine = f"an oil; run evening, bench virtual, seal {sealing.hash_of(tmp_path / 'mine')}"
+    told.write_text(json.dumps(diagnosis("named", "windage") | of_a_recording(note=of_mine)))
+    done = reveal(tmp_path / "mine", "--key", key, "--diagnosis", told)
+    assert done.returncode == 0
+    assert done.stderr == "spinbench: out/run is run evening of bench virtual, taken with this seal\n"
+    done = reveal(tmp_path / "other", "--key", key, "--diagnosis", told)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "out/run is run evening, which was taken with another seal; give a diagnosis" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("made_of", "says"),
     [
@@ -431,7 +448,7 @@ def test_it_is_told_of_which_run_a_scored_diagnosis_is(tmp_path, reveal, made_of
 def test_a_diagnosis_says_of_which_run_its_recordings_are(tmp_path):
     run = write_sweep(tmp_path)
     (source,) = recordings_of(None, [readings.read(run, quiet=True)], [], tmp_path)
-    assert run_and_bench(source["origin"]) == (run.name, read_run(run).start.bench)
+    assert run_bench_and_seal(source["origin"]) == (run.name, read_run(run).start.bench, "")
 
 
 @pytest.mark.parametrize("wrong", ["no key", "another key", "no seal", "no diagnosis"])
