@@ -180,13 +180,15 @@ class Runner:
         if self.regulator is None:
             return True
         value = self.to_set_point(bar_abs)
+        asked = "the order to vent" if bar_abs == VENTED else f"{bar_abs:g} bar abs"
         for tried in range(SET_TRIES):
             try:
                 # An order to raise comes in time or never; one to vent is good at any time.
                 done = self.acquisition.command(self.regulator, "write", value, COMMAND_REAL_S, bar_abs != VENTED)
             except FAULTS as error:
-                self._note("set-point not taken", value=value, error=str(error))
                 fault = str(error)
+                told = f"the regulator does not take {asked}: {fault}"
+                self._note("set-point not taken", value=value, error=fault, text=told)
             else:
                 self._dead = ""
                 self.view.set_ns, self.view.set_unsure = _taken(done.events, tried > 0, self.clock.rate)
@@ -195,7 +197,7 @@ class Runner:
                 return True
         if fault != self._dead:
             self._dead = fault
-            self.hooks.progress.say(f"the regulator does not take {value:g}: {fault}", True)
+            self.hooks.progress.say(told, True)
         return False
 
     def _record(self, plateau: Plateau) -> None:

@@ -23,6 +23,7 @@ SHOWN_EVENTS, SHOWN_ALARMS, SHOWN_BINS = 60, 50, 400
 STALE_S = 2.0  # of the wall: an older reading of a run that is being written is marked
 TEXT = 300  # characters of an event
 QUIET_EVENTS = {CHECK, COURSE, EXPECTED, "plateau", "statistics"}
+UNITS = {"_bar_abs": "bar abs", "_bar_s": "bar/s", "_s": "s", "_rpm": "rpm"}  # of a bench file's keys
 DIGITS = {"bar": 3, "L/min": 1, "rpm": 1, "degC": 1}
 
 
@@ -72,8 +73,8 @@ def _run(tail: Tail) -> dict[str, Any]:
         "started (UTC)": start.utc_start[:19].replace("T", " "),
         "room": _room(start.ambient.model_dump()),
     }
-    setting |= {key: str(start.sweep[key]) for key in keys if key in start.sweep}
-    setting |= {key: str(value) for key, value in start.safety.items() if value}
+    setting |= {key: start.sweep[key] for key in keys if key in start.sweep}
+    setting |= {key: value for key, value in start.safety.items() if value}
     return {
         "name": tail.folder.name,
         "kind": start.kind,
@@ -84,8 +85,23 @@ def _run(tail: Tail) -> dict[str, Any]:
         "outcome": None if end is None else end.outcome,
         "stopped_by": None if end is None else end.stopped_by,
         "vented": None if end is None else end.vented,
-        "setting": {key: value for key, value in setting.items() if value},
+        "setting": {_plain(key): _text(value, key) for key, value in setting.items() if value},
     }
+
+
+def _plain(key: str) -> str:
+    """A key without the unit at its end, which stands behind its value."""
+    return key.removesuffix(_ending(key)).replace("_", " ")
+
+
+def _text(value: Any, key: str) -> str:
+    several = value if isinstance(value, list) else [value]
+    shown = ", ".join(f"{one:g}" if isinstance(one, float) else str(one) for one in several)
+    return f"{shown} {UNITS.get(_ending(key), '')}".strip()
+
+
+def _ending(key: str) -> str:
+    return next((ending for ending in UNITS if key.endswith(ending)), "")
 
 
 def _past(tail: Tail) -> str:
@@ -99,8 +115,10 @@ def _past(tail: Tail) -> str:
 
 
 def _room(ambient: Mapping[str, Any]) -> str:
-    units = {"pressure_bar_abs": "bar abs", "temperature_c": "degC", "relative_humidity": "of saturation"}
-    return ", ".join(f"{ambient[key]:g} {unit}" for key, unit in units.items() if ambient.get(key) is not None)
+    units = {"pressure_bar_abs": "bar abs", "temperature_c": "°C"}
+    told = [f"{ambient[key]:g} {unit}" for key, unit in units.items() if ambient.get(key) is not None]
+    humidity = ambient.get("relative_humidity")
+    return ", ".join([*told, *([] if humidity is None else [f"relative humidity {humidity:.0%}"])])
 
 
 def _state(tail: Tail, now_s: float) -> dict[str, Any]:
@@ -302,7 +320,9 @@ def said(event: EventLine) -> str:
         if isinstance(value, str | int | float):
             words = f"{value:.6g}" if isinstance(value, float) else str(value)
             words = state_word(event.details) if event.event == key == STATE else words
-            parts.append(words if key == event.event else f"{key} {words}")
+            words = {True: "yes", False: "no"}.get(value, words) if isinstance(value, bool) else words
+            shown = f"{_plain(key)} {_text(words, key)}"
+            parts.append(words if key == event.event else shown)
     return ", ".join(parts)[:TEXT]
 
 

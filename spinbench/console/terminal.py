@@ -76,7 +76,7 @@ def _head(found: dict[str, Any], unreadable: str) -> Panel:
     state, run = found["state"], found["run"]
     still = ""
     if state["still_s"] is not None:
-        still = f": {'at most ' if state['at_most'] else ''}{state['still_s']:.0f} of {state['of_s']:.0f} s still"
+        still = f": {'at most ' if state['at_most'] else ''}{state['still_s']:.0f} of {state['of_s']:.0f} s left"
     waits = f"waits for {state['waits_for']}{still}" if state["waits_for"] else ""
     text = Text(f" {state['word'].upper()} ", style="bold reverse")
     text.append(f"  {state['explanation']}\n", style="not reverse").append(unreadable or waits)
@@ -104,7 +104,7 @@ def _course(course: dict[str, Any], word: str) -> Text:
         )
         text.append("  ", style="not bold")
     done = sum(step["status"] == "done" for step in course["steps"])
-    left = f", about {course['still_s']} s still" if course["still_s"] is not None else ""
+    left = f", about {course['still_s']} s left" if course["still_s"] is not None else ""
     return text.append(f"\n        {done} of {len(course['steps'])} plateaus, {word}{left}", style="not bold")
 
 

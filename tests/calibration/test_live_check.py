@@ -155,7 +155,7 @@ def test_a_difference_is_told_of_at_the_second_check_in_a_row_and_not_again(leak
         heard.wait_for(4)
     assert [kind for kind, _ in heard.events] == ["model check", "model check", "warning", "model check"]
     assert heard.said[0].startswith("model check, 2 times in a row: the model does not explain 8 plateaus")
-    assert re.search(r"The .* error depends on \w+, largest between .* (rpm|L/min|kPa|s)[.;]", heard.said[0])
+    assert re.search(r"The .* error depends on \w+, largest between .* (rpm|L/min|bar|s)[.;]", heard.said[0])
     details = heard.events[0][1]
     assert details["p_value"] < 0.01
     assert {"flow", "speed"} >= {place["channel"] for place in details["places"]} > set()

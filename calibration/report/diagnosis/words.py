@@ -11,6 +11,7 @@ from calibration.diagnosis.steps.locate import Kind
 from calibration.report.fit.words import p_in_words, rounded, uncertainty
 from calibration.report.sets_in_words import in_a_row, listed, titles
 from calibration.report.units import FAMILIAR, RAISED, for_people, powers
+from configs.units import BAR
 from model.effects import effects
 
 MOST_ROWS = 6
@@ -85,7 +86,7 @@ def span_in_words(place: Mapping[str, Any]) -> str:
     """From where to where, in a person's unit."""
     if place["coordinate"] == "row":
         return f"row {place['where'][0]:g}"
-    unit, factor = FAMILIAR.get(place["unit"], (place["unit"], 1.0))
+    unit, factor = {**FAMILIAR, "Pa": ("bar", 1.0 / BAR)}.get(place["unit"], (place["unit"], 1.0))
     low, high = (float(f"{factor * float(end):.3g}") for end in place["where"])
     return f"{low:g} and {high:g} {unit}".removesuffix(" 1")
 

@@ -145,8 +145,8 @@ function drawHead(run) {
   document.title = `${state ? state.word : "idle"} · spinbench`;
   put($("explanation"), held.console.unreadable || (held.console.starting && !live ? "A run is being started." : state ? state.explanation : "Start a run here, or in a terminal: this page follows it."));
   if (!state || state.still_s === null) { put($("still"), ""); put($("waits"), state && state.waits_for ? `Waits for ${state.waits_for}.` : ""); return; }
-  put($("still"), `${state.at_most ? "at most " : ""}${state.still_s.toFixed(0)} s still`);
-  put($("waits"), `Waits for ${state.waits_for}: ${state.at_most ? "at most " : ""}${state.still_s.toFixed(0)} of ${state.of_s.toFixed(0)} s still.`);
+  put($("still"), `${state.at_most ? "at most " : ""}${state.still_s.toFixed(0)} s left`);
+  put($("waits"), `Waits for ${state.waits_for}: ${state.at_most ? "at most " : ""}${state.still_s.toFixed(0)} of ${state.of_s.toFixed(0)} s left.`);
 }
 
 function drawBar() {
@@ -233,7 +233,7 @@ function drawSteps() {
     ...steps.map(s => { const li = make("li", `${marks[s.status]}${s.level.toFixed(2)} bar ${arrows[s.direction] || ""}${s.added ? " added" : ""}`, s.status.replace(" ", "-")); if (s.status === "running") li.setAttribute("aria-current", "step"); li.title = s.status; return li; }),
     ...captures.map(c => make("li", `${marks[c.status]}${c.kind} at ${c.level.toFixed(2)} bar`, c.status))]);
   const done = steps.filter(s => s.status === "done").length;
-  put($("course-left"), steps.length ? `${done} of ${steps.length} plateaus${still_s === null ? "" : `, about ${still_s < 90 ? `${still_s} s` : `${Math.round(still_s / 60)} min`} still`}` : "");
+  put($("course-left"), steps.length ? `${done} of ${steps.length} plateaus${still_s === null ? "" : `, about ${still_s < 90 ? `${still_s} s` : `${Math.round(still_s / 60)} min`} left`}` : "");
 }
 
 let eventsShown = "";
