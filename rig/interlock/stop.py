@@ -16,6 +16,8 @@ from typing import Any
 
 POLITE = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
+CLOSED = "the terminal was closed"
+
 
 class Stop:
     """Counts requests to stop while it is entered.
@@ -70,7 +72,7 @@ class Stop:
         if number == signal.SIGINT:
             self.ask("Ctrl-C")
         else:
-            who = signal.Signals(number).name
+            who = CLOSED if number == getattr(signal, "SIGHUP", None) else signal.Signals(number).name
             self._polite.append(who)
             self._tell(who)
         if self._interrupts:

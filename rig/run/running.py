@@ -36,10 +36,12 @@ from rig.lines import LineError, Port
 from rig.lines.keyboard import KeyboardPort
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
+from rig.run.terminal import why_failed
 from rig.runlog import Circumstances, RunError, RunWriter, StartRecord, start_record
 from rig.runlog.folder import END, WATCHDOG
 from rig.runlog.schema import COURSE, EXPECTED
 from rig.sweep.ambient import Ambient, AmbientError, Ask, Given, at_end, at_start
+from rig.sweep.continuing import refuse_another_seal
 from rig.sweep.course import Course
 from rig.sweep.hooks import Hooks, Progress, Silent, doubting, expecting, guard_of, guarded, points_of
 from rig.sweep.orders import View
@@ -71,6 +73,7 @@ class Wanted:
         out.
     `added_inertia_kg_m2`: of a flywheel on the shaft; the file's when left out.
     `ask`: puts a prompt about the room to the person; None when nobody is there.
+    `seal_before`: that of the run before, as its start record has it; None where it does not say.
     `beside`: gives the context in which the course is gone through, see `Beside`; it ends before the run is sealed.
     """
 
@@ -80,6 +83,7 @@ class Wanted:
     motor_serial: str | None = None
     note: str = ""
     parent: str | None = None
+    seal_before: str | None = None
     wire: bool = True
     rate: float | None = None
     server: tuple[str, ...] | None = None
@@ -149,6 +153,7 @@ def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Ou
         Stop(_tell_stop) as stop,
         place_of(bench, path, wanted.rate, wanted.server, wanted.added_inertia_kg_m2) as place,
     ):
+        refuse_another_seal(wanted.parent, wanted.seal_before, place.seal)
         conversation = None
         if by_hand:
             conversation = Conversation(KeyboardPort(place.clock), place.clock, lambda: stop.asked)
@@ -213,7 +218,7 @@ class _Run:
             with self.wanted.beside(writer.folder, self._note) as tell:
                 outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, course, tell))
         except BaseException as error:
-            outcome = Outcome("failed", _reason(error), False, [], [])
+            outcome = Outcome("failed", why_failed(error), False, [], [])
             error.add_note(self._seal(writer, outcome, begin_ns, watchdog))
             raise
         self._seal(writer, outcome, begin_ns, watchdog)
@@ -365,15 +370,6 @@ class _Run:
         except (AmbientError, LineError, StoppedError, KeyboardInterrupt):
             self.wanted.progress.say("the room's figures at the end were not told; those of the start stand", True)
             return at_end(self.ambient, minutes)
-
-
-def _reason(error: BaseException) -> str:
-    """Why a run failed. Where its output is closed, as by ``| head``, rich ends the program on a BrokenPipeError."""
-    if isinstance(error, BrokenPipeError) or (
-        isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError)
-    ):
-        return "its output was closed"
-    return f"{type(error).__name__}: {error}"
 
 
 def enter(

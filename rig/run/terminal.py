@@ -55,3 +55,12 @@ def ask(prompt: str) -> str:
 def somebody_is_there() -> bool:
     """Whether standard input is a terminal."""
     return sys.stdin.isatty()
+
+
+def why_failed(error: BaseException) -> str:
+    """Why a run failed. Where its output is closed, as by ``| head``, rich ends the program on a BrokenPipeError."""
+    if isinstance(error, BrokenPipeError) or (
+        isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError)
+    ):
+        return "its output was closed"
+    return f"{type(error).__name__}: {error}"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rig.recording.mistakes import shown
 from rig.runlog.folder import PLATEAUS, SAMPLES, START, RunError, is_locked
@@ -14,7 +16,10 @@ from rig.runlog.schema import ended
 
 SHOWN_EVENTS = 40
 # Events that are no news in a summary.
-QUIET = {"state", "set-point", "statistics", "asked", "note", "plateau", "model check", "course", "expected"}
+QUIET = {
+    *("state", "set-point", "statistics", "asked", "note", "plateau", "model check", "course", "expected"),
+    *("zero", "failsafe", "watchdog", "capture", "capture start"),
+}
 
 
 @dataclass(frozen=True)
@@ -145,9 +150,13 @@ def _event_lines(run: Run) -> list[str]:
     which = f"{len(told)}" if len(told) == len(news) else f"the last {len(told)}"
     lines = [f"{len(run.events)} events" + (f"; {which} out of the ordinary:" if news else "")]
     for event in told:
-        details = ", ".join(f"{_text(str(key))}={_text(str(value))}" for key, value in event.details.items())
+        details = _text(str(event.details["text"])) if "text" in event.details else _all_of(event.details)
         lines.append(f"{event.time_s:10.2f} s  {_text(event.event)}  {shown(details, 160)}".rstrip())
     return lines
+
+
+def _all_of(details: Mapping[str, Any]) -> str:
+    return ", ".join(f"{_text(str(key))}={_text(str(value))}" for key, value in details.items())
 
 
 def _end_lines(run: Run) -> list[str]:

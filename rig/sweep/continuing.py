@@ -88,6 +88,18 @@ def refuse_another_motor(run: Run, bench: Bench, motor_serial: str | None = None
         raise RunError(f"{run.name} is of {shown(theirs, 200)}, not of {shown(ours, 200)}, which is on the bench now")
 
 
+def refuse_another_seal(run: str | None, before: str | None, now: str) -> None:
+    """Refuse to go on with a run on a bench that conceals something else.
+
+    `before`, `now`: the seals of both; empty where nothing is concealed, None where the run does not say.
+    """
+    if before is None or before == now:
+        return
+    if not before:
+        raise RunError(f"{run} is of a bench that conceals nothing; leave --conceal out")
+    raise RunError(f"{run} is of a bench that conceals something; name the folder of its seal with --conceal")
+
+
 def _name_of(motor: str | dict[str, Any]) -> str:
     return motor if isinstance(motor, str) else str(motor.get("name"))
 

@@ -85,8 +85,8 @@ def sweep(
         return sweep_course(read, ambient, have.steps, have.captures, have.plateaus)
 
     server = server_of(conceal, conceal_seed, only, key)
-    wanted = Wanted("sweep", logs, operator, motor_serial, note, parent.name if parent else None, wire, rate, server)
-    _take(bench, given, course, wanted, check, page)
+    by = (operator, motor_serial, note, *_before(parent))
+    _take(bench, given, course, Wanted("sweep", logs, *by, wire, rate, server), check, page, (conceal, key))
 
 
 def capture(
@@ -134,9 +134,16 @@ def capture(
         known = () if parent is None else plateaus_before(parent, read, logs)
         return replace(capture_course(read, ambient, kind.value, level_bar_abs, plateaus), known=known), []
 
-    server, name = server_of(conceal, conceal_seed, only, key), parent.name if parent else None
-    by = (operator, motor_serial, note, name)
+    server = server_of(conceal, conceal_seed, only, key)
+    by = (operator, motor_serial, note, *_before(parent))
     _take(bench, given, course, Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2))
+
+
+def _before(parent: Run | None) -> tuple[str | None, str | None]:
+    """The name of the run before, and its seal where it says one."""
+    if parent is None:
+        return None, None
+    return parent.name, parent.start.seal if "seal" in parent.start.model_fields_set else None
 
 
 def _among(name: str, logs: Path) -> Run:
@@ -154,6 +161,7 @@ def _take(
     wanted: Wanted,
     check: bool = False,
     page: bool = False,
+    concealed: tuple[Path | None, Path | None] = (None, None),
 ) -> None:
     """A run, under a bar where a regulator makes it; what came of it in a line."""
     from calibration.live_checks import Beside
@@ -182,7 +190,7 @@ def _take(
         _write_page(folder)
     if outcome.outcome != "finished":
         if wanted.kind == "sweep":
-            print(f"go on with: {_continuing(path, folder, wanted, given, check)}")
+            print(f"go on with: {_continuing(path, folder, wanted, given, check, concealed)}")
         raise typer.Exit(RUN_FAILED)
 
 
@@ -202,8 +210,10 @@ def _write_page(folder: Path) -> None:
         remark(f"the run's page is {where}")
 
 
-def _continuing(path: Path, folder: Path, wanted: Wanted, given: Given, check: bool) -> str:
-    """The command that goes on where a sweep ended, with the options of that sweep."""
+def _continuing(
+    path: Path, folder: Path, wanted: Wanted, given: Given, check: bool, concealed: tuple[Path | None, Path | None]
+) -> str:
+    """The command that goes on where a sweep ended, with the options of that sweep. `concealed`: seal and key."""
     from rig.sweep.ambient import OPTIONS
 
     words = ["spinbench", "sweep", str(path), "--continue", folder.name]
@@ -214,6 +224,8 @@ def _continuing(path: Path, folder: Path, wanted: Wanted, given: Given, check: b
     words += [f"--rate={wanted.rate:g}"] if wanted.rate is not None else []
     stays = {name: value for name, value in vars(given).items() if value is not None and name != "minutes_running"}
     words += [f"{OPTIONS[name]}={value}" for name, value in stays.items()]
+    for name, place in zip(("--conceal", "--key"), concealed, strict=True):
+        words += [name, str(place)] if place is not None else []
     words += [] if wanted.wire else ["--no-wire"]
     words += [] if check else ["--no-check"]
     return shlex.join(words)

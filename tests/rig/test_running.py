@@ -23,6 +23,7 @@ from rig.clock import Clock
 from rig.exchange.export import recording_of
 from rig.recording import read_recording
 from rig.run import running
+from rig.run.terminal import why_failed
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
 from rig.virtual.launch import ask
@@ -185,8 +186,8 @@ def test_a_sweep_whose_output_is_closed_says_so(bench, tmp_path):
 
 
 def test_a_program_that_is_ended_is_not_told_as_a_closed_output():
-    assert running._reason(BrokenPipeError()) == "its output was closed"
-    assert running._reason(SystemExit(3)) == "SystemExit: 3"
+    assert why_failed(BrokenPipeError()) == "its output was closed"
+    assert why_failed(SystemExit(3)) == "SystemExit: 3"
 
 
 def test_a_pressure_limit_above_the_model_s_end_is_refused(bench, tmp_path, spinbench_anywhere):

@@ -38,8 +38,9 @@ from rig.exchange.export import export_recording, recording_of
 from rig.readings import NS
 from rig.recording.origin import run_bench_and_seal
 from rig.run.running import Wanted, take
-from rig.runlog import read_run, verify
+from rig.runlog import RunError, read_run, verify
 from rig.sweep.ambient import Given
+from rig.sweep.continuing import refuse_another_seal
 from rig.sweep.planning import sweep_course
 from rig.virtual import VirtualBenchError, launch
 from rig.virtual.plant.truth import LineTruth
@@ -273,6 +274,31 @@ def test_a_sweep_over_the_wire_finishes_and_reads_what_is_concealed(swept):
             for d in (-0.02, 0.02)  # what the gauge is off by
         )
         assert slow < speed < fast
+
+
+@pytest.mark.long
+def test_a_further_test_is_refused_on_a_bench_that_conceals_something_else(swept, tmp_path, spinbench_here):
+    folder, made, _, seal, key = swept
+    capture = ("capture", folder / "bench.toml", "--kind", "zero", "--after", made.name, "--logs", folder / "logs")
+    plain = spinbench_here(*capture, "--minutes-running", 0, cwd=tmp_path)
+    assert plain.returncode == 2
+    assert plain.stderr.splitlines()[-1] == (
+        f"spinbench: {made.name} is of a bench that conceals something; name the folder of its seal with --conceal"
+    )
+    other = ("--conceal", tmp_path / "other", "--key", tmp_path / "key")
+    assert (
+        "name the folder of its seal" in spinbench_here(*capture, *other, "--minutes-running", 0, cwd=tmp_path).stderr
+    )
+    assert [run.name for run in (folder / "logs").iterdir()] == [made.name]
+    same = spinbench_here(*capture, "--conceal", seal, "--key", key, "--minutes-running", 0, cwd=tmp_path)
+    assert same.returncode == 0, same.stderr
+
+
+def test_a_run_that_does_not_say_its_seal_is_gone_on_with():
+    refuse_another_seal("old", None, "f" * 64)
+    refuse_another_seal("plain", "", "")
+    with pytest.raises(RunError, match="leave --conceal out"):
+        refuse_another_seal("plain", "", "f" * 64)
 
 
 @pytest.mark.long
