@@ -146,7 +146,7 @@ def all_named(named: Sequence[Path], logs: Path, parents: bool = False) -> list[
     """
     folders = [folder_named(one, logs) for one in named]
     if not parents or len({folder.resolve() for folder in folders}) < len(folders):  # whoever calls refuses these
-        return [read(folder) for folder in folders]
+        return [read(folder, among_many=len(folders) > 1) for folder in folders]
     found: dict[Path, Recording | None] = {}
     for folder in folders:
         found |= reversed(_back_from(folder, found, logs).items())
@@ -185,11 +185,11 @@ def _with_its_parent(folder: Path, is_named: bool) -> tuple[Recording | None, st
     from rig.runlog.reader import read_start
 
     if not (folder / START).exists():
-        one = read(folder)
+        one = read(folder, among_many=True)
         return one, one.origin.get("parent", "")
     parent = read_start(folder).goes_on_from
     try:
-        one = read(folder)
+        one = read(folder, among_many=True)
     except EmptyRunError as error:
         if is_named:
             raise
@@ -212,6 +212,11 @@ def _place_of(parent: str, child: Path, logs: Path) -> Path:
         f"{child}: goes on from '{shown(parent, 100)}', which is neither in {beside} nor in {logs}; name the "
         "recordings one after the other, without --with-parents"
     )
+
+
+def warnings_in(parts: Sequence[Recording]) -> list[str]:
+    """What is to be said of recordings, with the folder's name where they are several."""
+    return [f"{one.folder.name}: {words}" if len(parts) > 1 else words for one in parts for words in one.warnings]
 
 
 def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) -> None:

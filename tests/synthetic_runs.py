@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import random
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ from typing import Any
 
 from rig.readings import NS, Event, Exchange, Quality, Reading
 from rig.runlog import AmbientRecord, RunWriter, StartRecord
+from rig.runlog.folder import END, sha256_of
 from rig.runlog.schema import ChannelRecord, ClockRecord, DeviceRecord
 from tests.declared import FIGURES
 
@@ -160,3 +162,9 @@ def write_sweep(root: Path, seal: bool = True, wire: bool = True, captures: bool
         if seal:
             writer.end("finished", ambient_end=AmbientRecord(pressure_bar_abs=1.0134, temperature_c=20.4), vented=True)
     return writer.folder
+
+
+def reseal(folder: Path) -> None:
+    """Let the end record of a run have the hashes of its files as they are now."""
+    end = json.loads((folder / END).read_text())
+    (folder / END).write_text(json.dumps(end | {"sha256": {name: sha256_of(folder / name) for name in end["sha256"]}}))

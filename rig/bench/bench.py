@@ -235,6 +235,8 @@ def bench_path(path: Path) -> Path:
     path = Path(path)
     if path.suffix or path.is_file():
         return path
+    if not path.name:
+        raise ConfigError(f"{path}: a folder; name a bench, or its file")
     return configs.find("benches", path.name) or FOLDER / f"{path.name}.toml"
 
 

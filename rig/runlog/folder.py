@@ -57,6 +57,8 @@ def make_folder(root: Path, name: str) -> Path:
             with contextlib.suppress(FileExistsError):
                 folder.mkdir()
                 return folder
+    except (FileExistsError, NotADirectoryError):
+        raise RunError(f"{root}: a file, where the folder of runs is to be; name another with --logs") from None
     except OSError as error:
         raise RunError(f"{root}: the run's folder cannot be made ({error.strerror}); check the place") from None
     raise RunError(f"{root}: {MAX_SAME_NAME} runs are called {name}; move them away")

@@ -81,6 +81,8 @@ def find_run(name: str | Path, root: Path) -> Path:
         raise RunError(
             f"{len(found)} runs in {root} begin with '{name}': {', '.join(found[:10])}; type more of the name"
         )
+    if not list_runs(root):
+        raise RunError(f"there is no run in {root} yet; take one, or say with --logs where runs are")
     raise RunError(f"no run in {root} is called '{name}'; `spinbench runs list` shows those there are")
 
 
@@ -96,8 +98,10 @@ def _start_lines(run: Run) -> list[str]:
     ambient = start.ambient
     room = [
         "pressure not noted" if ambient.pressure_bar_abs is None else f"{ambient.pressure_bar_abs:.4f} bar",
-        "temperature not noted" if ambient.temperature_c is None else f"{ambient.temperature_c:.1f} degC",
-        "humidity not noted" if ambient.relative_humidity is None else f"{100.0 * ambient.relative_humidity:.0f} % RH",
+        "temperature not noted" if ambient.temperature_c is None else f"{ambient.temperature_c:.1f} °C",
+        "humidity not noted"
+        if ambient.relative_humidity is None
+        else f"{100.0 * ambient.relative_humidity:.0f} % relative humidity",
     ]
     motor = (
         start.motor
@@ -108,7 +112,7 @@ def _start_lines(run: Run) -> list[str]:
     lines = [
         f"{shown(run.name, 100)}: {start.kind} on bench {_text(start.bench)}{', simulated' if start.simulated else ''}",
         f"state      {run.state}",
-        f"start      {_text(start.utc_start)} UTC, operator {_text(start.operator) or 'not noted'}",
+        f"start      {_when(start.utc_start)}, operator {_text(start.operator) or 'not noted'}",
         f"motor      {_text(motor)}{number}, lubrication {_text(start.lubrication) or 'not noted'}",
         f"room       {', '.join(room)}",
     ]
@@ -118,8 +122,10 @@ def _start_lines(run: Run) -> list[str]:
         lines.append(f"parent     {_text(start.parent)}")
     lines += [f"{key:<10} {_text(value)}" for key, value in start.imported.items() if value]
     for name, device in start.devices.items():
-        known = ", ".join(_text(part) for part in (device.instrument, device.identity, device.calibration) if part)
-        lines.append(f"device     {_text(name)}: {known}{f' ({_text(device.trust)})' if device.trust else ''}")
+        calibrated = f"calibration {device.calibration}" if device.calibration else ""
+        known = ", ".join(_text(part) for part in (device.instrument, device.identity, calibrated) if part)
+        trust = "" if start.simulated and device.trust == "simulated" else device.trust
+        lines.append(f"device     {_text(name)}: {known}{f' ({_text(trust)})' if trust else ''}")
     return lines
 
 
@@ -170,10 +176,15 @@ def _end_lines(run: Run) -> list[str]:
             "end        a program writes it now" if run.state == BEING_WRITTEN else f"end        {killed}",
         ]
     end = run.end
-    lines.append(f"end        {_text(end.utc_end)} UTC, {ended(end.outcome, end.stopped_by, _text(end.reason))}")
+    lines.append(f"end        {_when(end.utc_end)}, {ended(end.outcome, end.stopped_by, _text(end.reason))}")
     if end.vented is not None:
         lines.append(f"line       {'vented' if end.vented else 'NOT known to be vented'}")
     return lines
+
+
+def _when(utc: str) -> str:
+    """A moment, to the second."""
+    return f"{_text(utc).partition('.')[0].removesuffix('Z').replace('T', ' ')} UTC"
 
 
 def _text(text: str) -> str:

@@ -31,14 +31,14 @@ from spinbench.cli import (
     sweep,
 )
 from spinbench.cli.errors import exit_code, in_words
-from spinbench.cli.show import remark
+from spinbench.cli.show import remark, suit_the_terminal
 
 
 class _Command(TyperCommand):
     """A command whose help shows no `<bool>` beside a switch, and no boxes: they cut names on a narrow terminal."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        return _without_type_of_switches(super().get_params(ctx))
+        return _with_plain_types(super().get_params(ctx))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Refuse an option that is given twice, where one of the two would be left out in silence."""
@@ -57,7 +57,7 @@ class _Group(TyperGroup):
     """A group of commands, likewise."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        return _without_type_of_switches(super().get_params(ctx))
+        return _with_plain_types(super().get_params(ctx))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         super(TyperGroup, self).format_help(ctx, formatter)
@@ -68,10 +68,15 @@ class _Group(TyperGroup):
             formatter.write_dl([(name, one.get_short_help_str(limit=1000)) for name, one in self.commands.items()])
 
 
-def _without_type_of_switches(parameters: list[Any]) -> list[Any]:
+def _with_plain_types(parameters: list[Any]) -> list[Any]:
+    """Parameters whose help has no type of a switch, and of several values the type of one."""
     for parameter in parameters:
         if getattr(parameter, "is_flag", False):
             parameter.metavar = ""
+        descriptor = getattr(parameter, "type_descriptor", None)
+        if descriptor is not None and descriptor.is_list:
+            kind = parameter.bare_type().removeprefix("list[").removesuffix("]").lower()
+            parameter.display_type = lambda ctx, kind=kind: f"<{kind}>"
     return parameters
 
 
@@ -178,6 +183,7 @@ def _options(
 
 def main() -> None:
     """Run the command line; a mistake of the user's is told in a line each on standard error."""
+    suit_the_terminal()
     try:
         app()
     except Exception as error:

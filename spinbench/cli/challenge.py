@@ -66,7 +66,7 @@ def run(out: CampaignArgument, workers: WorkersOption = None, scheduler: Schedul
 
 
 def score(
-    campaigns: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Campaigns; several are counted together.")],
+    campaigns: Annotated[list[Path], typer.Argument(metavar="DIR", help="Campaigns; several are counted together.")],
     key: KeyOption = None,
     follow_ups: Annotated[
         bool,
@@ -108,9 +108,7 @@ def score(
 
 
 def pool(
-    kept: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="Campaigns that `challenge score --keep` kept.")
-    ],
+    kept: Annotated[list[Path], typer.Argument(metavar="FILE", help="Campaigns that `challenge score --keep` kept.")],
     same_code: Annotated[
         bool, typer.Option("--same-code", help="Refuse campaigns that were run or scored with other code than this.")
     ] = False,

@@ -79,7 +79,7 @@ def diagnose(
     readings.refuse_twice([*(earlier.recordings if earlier else []), *new], unseen)
     promise = _promised(earlier, new, resume)
     parts = without([*(earlier.recordings if earlier else []), *new], left_out or [])
-    remark(*(words for part in (*parts, unseen) if part is not None for words in part.warnings))
+    remark(*readings.warnings_in([one for one in (*parts, unseen) if one is not None]))
     sharing = own_of_each(options.ids_in(per_recording), len(parts))
     given = as_given(parts, apart=bool(sharing.own))
     read = given[0] if len(given) == 1 else given
@@ -150,7 +150,7 @@ def compare(
     from spinbench.api import comparing
 
     check_places(out, json_file)
-    given = [readings.read(readings.folder_named(named, logs)) for named in (before, after)]
+    given = [readings.read(readings.folder_named(named, logs), among_many=True) for named in (before, after)]
     parts, notes = comparing.both(given[0], given[1], left_out or [])
     remark(*notes)
     with diagnosing("comparison") as tell:

@@ -14,6 +14,7 @@ from spinbench.cli.show import remark
 Command = Callable[..., None]
 
 UNUSABLE_INPUT, NOT_CONVERGED, RUN_FAILED, MODEL_DOES_NOT_FIT, CHANGED = 2, 3, 4, 5, 6
+NO_FOLDER = "a file, where a folder is needed; name another place"
 INTERRUPTED = 130  # as a shell has it for what Ctrl-C ends
 # Errors that are told in words instead of with a traceback, by their class's full name (which needs no import), and
 # the exit code of each. A class that is not listed counts as its nearest listed base; anything else is our own mistake.
@@ -52,7 +53,8 @@ def in_words(error: Exception) -> list[str]:
     """What an error says to the person, a line each, its notes last."""
     text = str(error)
     if isinstance(error, OSError) and error.strerror:
-        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        why = NO_FOLDER if isinstance(error, FileExistsError | NotADirectoryError) else error.strerror
+        text = f"{error.filename}: {why}" if error.filename else why
     return [*text.splitlines(), *getattr(error, "__notes__", ())]
 
 

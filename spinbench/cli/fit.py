@@ -80,7 +80,7 @@ def fit(
     parts = readings.all_named(recording, logs, parents)
     readings.refuse_twice(parts)
     parts = without(parts, left_out or [])
-    remark(*(words for part in parts for words in part.warnings))
+    remark(*readings.warnings_in(parts))
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     channels = ("pressure", "speed") if speed_only else None
     workers = min(2, os.cpu_count() or 1)

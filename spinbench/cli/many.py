@@ -18,7 +18,7 @@ from spinbench.extras import need
 from spinbench.progress import bars
 
 ManyArgument = Annotated[
-    list[Path], typer.Argument(metavar="DIR...", help="Recordings or runs, or folders that hold them.")
+    list[Path], typer.Argument(metavar="DIR", help="Recordings or runs, or folders that hold them.")
 ]
 TableOption = Annotated[Path, options.out_folder("Folder for the table; started again, it goes on.")]
 

@@ -29,9 +29,7 @@ def _once(assignments: list[str] | None) -> list[str] | None:
 
 RecordingsArgument = Annotated[
     list[Path],
-    typer.Argument(
-        metavar="RECORDING...", help="Folders of recordings, or names of runs; several must be of one motor."
-    ),
+    typer.Argument(metavar="RECORDING", help="Folders of recordings, or names of runs; several must be of one motor."),
 ]
 MotorOption = Annotated[
     str, typer.Option("--motor", metavar="NAME|FILE", help="A motor of the project or in configs/motors, or a file.")

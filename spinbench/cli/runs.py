@@ -26,7 +26,7 @@ def list_all(logs: LogsOption = LOGS) -> None:
 
     found = list_runs(logs)
     if not found:
-        print(f"no runs in {logs}", file=sys.stderr)
+        print(f"no runs in {logs}{'' if logs.is_dir() else ': there is no such folder'}", file=sys.stderr)
         return
     whole = (Column(words, no_wrap=True) for words in ("run", "kind"))  # a name has to be typed
     table = Table(*whole, "bench", "outcome", "rows", "plateaus", box=None, pad_edge=False)
@@ -89,7 +89,7 @@ def export(
 
 
 def import_data(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=FILES_HELP)],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help=FILES_HELP)],
     mapping: Annotated[
         Path | None, typer.Option("--mapping", metavar="FILE", help="A mapping: what each column is, and its unit.")
     ] = None,

@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
+import io
 import json
+import re
 import sys
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 WIDTH, WIDTH_OF_FIGURES = 140, 120  # of a table in a pipe, where no column is cut
+
+
+# What stands for a character that the terminal's encoding does not have.
+PLAIN = {"±": "+-", "−": "-", "–": "-", "×": "x", "÷": "/", "·": "*", "°": "deg ", "…": "...", "→": "->", "ω": "omega"}
+PLAIN |= {"“": '"', "”": '"', "’": "'", "≤": "<=", "≥": ">=", "µ": "u", "μ": "u"}
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def suit_the_terminal() -> None:
+    """Write what a terminal's encoding does not have in other characters: no result is lost for it."""
+    codecs.register_error("plain", _in_plain)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="plain")
+
+
+def _in_plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    text = re.sub(r"[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{found[0].translate(RAISED)}", text)
+    return "".join(one if one.isascii() else PLAIN.get(one, "?") for one in text), error.end
 
 
 def remark(*lines: str) -> None:
@@ -90,7 +115,8 @@ def takes_output(data: bytes, json_file: Path | None) -> bool:
     from rig.recording import files
 
     if json_file is not None and str(json_file) == "-":
-        sys.stdout.write(data.decode())
+        sys.stdout.flush()
+        sys.stdout.buffer.write(data)
         return True
     if json_file is not None:
         files.write_file(json_file, data)

@@ -296,9 +296,9 @@ def _check(tail: Tail) -> dict[str, Any]:
     """The lamp: whether the model explains the plateaus so far."""
     found = tail.details(CHECK)
     if not found and (tail.start.kind not in CHECKED or is_imported(tail.start)):
-        return {"lamp": "none", "text": "Only a sweep is checked while it runs. spinbench diagnose asks of any run."}
+        return {"lamp": "none", "text": "Only a sweep is checked while it runs. spinbench diagnose looks at any run."}
     if not found and tail.state != BEING_WRITTEN:
-        return {"lamp": "none", "text": "The sweep ended without a check. spinbench diagnose asks it now."}
+        return {"lamp": "none", "text": "The sweep ended without a check. spinbench diagnose makes one now."}
     if not found:
         return {"lamp": "waits", "text": "The model is checked from the sixth plateau on."}
     text = str(found.get("text", ""))[:600]

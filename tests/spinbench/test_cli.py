@@ -18,6 +18,7 @@ from model.solvers.steady import steady
 from rig.runlog import RunWriter
 from spinbench.cli import app
 from spinbench.cli.errors import EXIT_CODES, exit_code
+from spinbench.cli.show import suit_the_terminal
 from tests.synthetic_runs import start_of
 
 ROOT = Path(__file__).parents[2]
@@ -340,3 +341,45 @@ def test_effects_of_each_recording_may_stand_with_commas_between_them():
 def refused_last(result: subprocess.CompletedProcess[str]) -> str:
     assert result.returncode == 2, result.stderr
     return result.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize(("encoding", "shown"), [("ascii", "+- 800"), ("latin-1", "\xb1 800"), ("utf-8", "± 800")])
+def test_no_result_is_lost_where_the_terminal_lacks_a_character(encoding, shown):
+    program = "import spinbench; spinbench.main()"
+    result = subprocess.run(
+        [sys.executable, "-c", program, "sensitivity", "--pressure-bar-abs", "2"],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+        timeout=120,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert shown in result.stdout.decode(encoding)
+    assert "?" not in result.stdout.decode(encoding)
+
+
+def test_several_arguments_are_shown_once_in_the_help():
+    told = run("fit", "--help").stdout
+    assert "{RECORDING}..." in told and "RECORDING <path>" in told
+    assert "list[" not in told
+
+
+@pytest.mark.parametrize("command", [["fit", "last"], ["runs", "show", "last"], ["diagnose", "last", "--with-parents"]])
+def test_the_last_of_no_runs_says_that_there_is_none(command, tmp_path):
+    assert "there is no run in logs yet; take one, or say with --logs where runs are" in refused(
+        run(*command, cwd=tmp_path)
+    )
+
+
+@pytest.mark.parametrize(
+    "command", [["simulate", "--pressure-bar-abs", "2", "-o", "file"], ["console", "virtual", "--logs", "file"]]
+)
+def test_a_file_where_a_folder_is_needed_is_told(command, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "file: a file, where a folder is needed; name another place" in refused(run(*command, cwd=tmp_path))
+
+
+def test_powers_are_told_in_plain_characters():
+    text = "p < 10⁻⁶ of 3·10⁻⁴ N m s² ☃"
+    suit_the_terminal()
+    assert text.encode("ascii", "plain") == b"p < 10^-6 of 3*10^-4 N m s^2 ?"

@@ -14,7 +14,7 @@ from rig.bench.bench import FOLDER
 from rig.recording import read_recording
 from rig.runlog import read_run
 from spinbench import readings
-from tests.synthetic_runs import write_sweep
+from tests.synthetic_runs import reseal, write_sweep
 
 pytestmark = pytest.mark.long
 
@@ -181,6 +181,7 @@ def test_a_parent_that_holds_nothing_is_passed_over_and_its_own_parent_is_not(li
     rows = (tmp_path / line[1] / "plateaus.csv").read_text().splitlines(keepends=True)
     (tmp_path / line[1] / "plateaus.csv").write_text(rows[0])
     (tmp_path / line[1] / "events.jsonl").write_text("")
+    reseal(tmp_path / line[1])
     assert together(line[2], cwd=tmp_path) == [line[0], line[2]]
     assert "passed over" in capsys.readouterr().err
 
@@ -189,6 +190,7 @@ def renamed_parent(folder, parent):
     """Let a run say that it goes on from another."""
     start = json.loads((folder / "start.json").read_text())
     (folder / "start.json").write_text(json.dumps(start | {"parent": parent}))
+    reseal(folder)
 
 
 @pytest.mark.parametrize("command", ["fit", "diagnose"])

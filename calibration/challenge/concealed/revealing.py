@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.challenge.campaign.layout import ChallengeError
-from calibration.challenge.campaign.sealing import CONCEALED, SealError, default_key, open_seal
+from calibration.challenge.campaign.sealing import CONCEALED, SealError, default_key, is_sealed, open_seal
 from calibration.challenge.scoring import judging
 from calibration.challenge.scoring.judging import (
     ALARM,
@@ -58,6 +58,8 @@ def reveal(seal: Path, key: Path | None = None) -> dict[str, Any]:
     The JSON of concealed/1, with its ``truth_sha256``. Raises SealError when the key does not open it, or it is no
     concealed bench's.
     """
+    if not is_sealed(seal):
+        raise SealError(f"{seal}: there is no seal; give the folder that --conceal named")
     contents, digest = open_seal(seal, key or default_key())
     if contents.get("format") != CONCEALED:
         raise SealError(f"{seal}: the seal of a campaign; `spinbench challenge score` opens it")

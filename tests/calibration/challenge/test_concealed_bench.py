@@ -279,7 +279,7 @@ def test_a_sweep_over_the_wire_finishes_and_reads_what_is_concealed(swept):
 @pytest.mark.long
 def test_a_further_test_is_refused_on_a_bench_that_conceals_something_else(swept, tmp_path, spinbench_here):
     folder, made, _, seal, key = swept
-    capture = ("capture", folder / "bench.toml", "--kind", "zero", "--after", made.name, "--logs", folder / "logs")
+    capture = ("capture", folder / "small.toml", "--kind", "zero", "--after", made.name, "--logs", folder / "logs")
     plain = spinbench_here(*capture, "--minutes-running", 0, cwd=tmp_path)
     assert plain.returncode == 2
     assert plain.stderr.splitlines()[-1] == (
