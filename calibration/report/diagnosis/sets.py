@@ -171,7 +171,7 @@ def _of_figures(held_out: Mapping[str, Any]) -> str:
         return ""
     return (
         " Each declared figure of motor and instruments was predicted from the readings and the other figures: that "
-        f"changed by {gain:.1f}.".replace("-", "−")
+        f"changed by {gain:+.1f} in log likelihood.".replace("-", "−")
     )
 
 

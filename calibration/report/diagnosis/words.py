@@ -75,20 +75,20 @@ def place_in_words(place: Mapping[str, Any]) -> str:
     if place["kind"] in (Kind.ROW, Kind.STEP) or place["coordinate"] in ("phase", "angle"):
         return sentence
     if place["kind"] == Kind.METER:
-        return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place)}."
+        return f"{sentence.partition(', most between')[0]}, most between {span_in_words(place, 'and')}."
     alike = f"; this recording cannot tell that from {listed(place['same_as'])}" if place["same_as"] else ""
-    between = "" if place["coordinate"] == "direction" else f", largest between {span_in_words(place)}"
+    between = "" if place["coordinate"] == "direction" else f", largest between {span_in_words(place, 'and')}"
     of = f" of {place['recording']}" if place["recording"] else ""
     return f"The {ERRORS[place['balance']]} depends on {place['coordinate']}{of}{between}{alike}."
 
 
-def span_in_words(place: Mapping[str, Any]) -> str:
-    """From where to where, in a person's unit."""
+def span_in_words(place: Mapping[str, Any], between: str = "to") -> str:
+    """From where to where, in a person's unit. `between`: the word between the two figures."""
     if place["coordinate"] == "row":
         return f"row {place['where'][0]:g}"
     unit, factor = {**FAMILIAR, "Pa": ("bar", 1.0 / BAR)}.get(place["unit"], (place["unit"], 1.0))
     low, high = (float(f"{factor * float(end):.3g}") for end in place["where"])
-    return f"{low:g} and {high:g} {unit}".removesuffix(" 1")
+    return f"{low:g} {between} {high:g} {unit}".removesuffix(" 1")
 
 
 def law_in_words(term: Mapping[str, Any]) -> str:
@@ -117,7 +117,7 @@ def quantity(mean: float, sd: float, unit: str, name: str = "") -> str:
         plain = f"{float(f'{mean:.2g}'):g}"
         digits, _, small = (plain if 1e-4 <= size < 1e4 else f"{mean:.2g}").partition("e")
         return f"{digits}{f'·10{str(int(small)).translate(RAISED)}' if small else ''} {unit}".strip().replace("-", "−")
-    if -3 <= power <= 4 and sd < 100.0:
+    if -3 <= power <= 4 and sd < (1000.0 if unit == "%" else 100.0):
         return f"{rounded(mean, sd)} ± {uncertainty(sd)} {unit}".strip()
     scaled = 10.0**-power
     figures = f"{rounded(mean * scaled, sd * scaled)} ± {uncertainty(sd * scaled)}"
