@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 WIDTH, WIDTH_OF_FIGURES = 140, 120  # of a table in a pipe, where no column is cut
 
@@ -43,12 +44,30 @@ def remark(*lines: str) -> None:
 
 
 def on_terminal(*tables: object, width: int = WIDTH) -> None:
-    """Tables on standard output."""
+    """Tables on standard output; a terminal that is too narrow for one breaks its lines, and no figure is cut."""
     from rich.console import Console
 
     console = Console(width=None if sys.stdout.isatty() else width)
+    seen = console.width
     for table in tables:
+        console.width = _width_that_cuts_nothing(console, table, seen)
         console.print(table)
+
+
+def _width_that_cuts_nothing(console: Any, table: Any, seen: int) -> int:
+    """The width of the terminal, or the next at which no cell ends in an ellipsis that a wide one does not have."""
+    from rich.measure import Measurement
+
+    if Measurement.get(console, console.options.update(max_width=WIDTH), table).maximum <= seen:
+        return seen
+
+    def cut(width: int) -> int:
+        lines = console.render_lines(table, console.options.update(width=width))
+        return sum(part.text.count("…") for line in lines for part in line)
+
+    console.width = WIDTH
+    least = cut(WIDTH)
+    return next((width for width in range(seen, WIDTH, 4) if cut(width) <= least), max(seen, WIDTH))
 
 
 def check_places(out: Path | None, json_file: Path | None) -> None:

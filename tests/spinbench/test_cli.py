@@ -383,3 +383,15 @@ def test_powers_are_told_in_plain_characters():
     text = "p < 10⁻⁶ of 3·10⁻⁴ N m s² ☃"
     suit_the_terminal()
     assert text.encode("ascii", "plain") == b"p < 10^-6 of 3*10^-4 N m s^2 ?"
+
+
+@pytest.mark.parametrize("columns", [40, 60])
+def test_a_narrow_terminal_cuts_no_figure(columns):
+    pexpect = pytest.importorskip("pexpect", reason="pexpect is not installed")
+    program = "import spinbench; spinbench.main()"
+    arguments = ["-c", program, "simulate", "--pressure-bar-abs", "1.6", "--to", "2.0", "--points", "2"]
+    told = pexpect.spawn(sys.executable, arguments, dimensions=(24, columns), encoding="utf-8", timeout=120)
+    told.expect(pexpect.EOF)
+    figures = told.before.rpartition("─")[2]
+    assert "…" not in figures
+    assert figures.split()[:6] == ["1.600", "229.42", "41.54", "1.5955", "38.33", "0.808"]
