@@ -245,6 +245,31 @@ def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) ->
         refuse_unlike([*parts, unseen])
 
 
+def each_once(folders: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """Folders without those that hold the readings of one before them; and what is passed over, in words.
+
+    What cannot be read is left to who reads it.
+    """
+    from spinbench.cli.errors import exit_code
+
+    kept: list[tuple[Path, Recording | None]] = []
+    words = []
+    for folder in folders:
+        try:
+            one = read(folder, quiet=True)
+        except Exception as error:
+            if exit_code(error) is None:
+                raise
+            kept.append((folder, None))
+            continue
+        same = next((before for before, other in kept if other is not None and _is_same(one, other)), None)
+        if same is None:
+            kept.append((folder, one))
+        else:
+            words.append(f"passed over: {folder}: it holds the readings of {same}")
+    return [folder for folder, _ in kept], words
+
+
 def _is_same(one: Recording, other: Recording) -> bool:
     if one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256):
         return True

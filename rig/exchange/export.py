@@ -222,8 +222,9 @@ def _counted(run: Run, channels: dict[str, str], plateaus: list[PlateauRow]) -> 
         unusable, unverified = sum(one.unusable for one in found), sum(one.unverified for one in found)
         if unusable or unverified:
             total = unusable + sum(one.value.size for one in found)
-            words = f"of {total} readings in the plateaus {unusable} were unusable and {unverified} unverified"
-            notes.append(f"{name} ({channel}): {words}")
+            counts = ((unusable, "unusable"), (unverified, "unverified"))
+            words = " and ".join(f"{count} {what}" for count, what in counts if count)
+            notes.append(f"{name} ({channel}): of {total} readings in the plateaus, {words}")
     return notes
 
 

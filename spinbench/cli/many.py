@@ -12,7 +12,7 @@ import typer
 
 from spinbench import readings
 from spinbench.cli import options
-from spinbench.cli.errors import CHANGED, UNUSABLE_INPUT
+from spinbench.cli.errors import CHANGED, UNUSABLE_INPUT, kept_when_interrupted
 from spinbench.cli.show import check_places, on_terminal, read_if_there, recordings_in, remark, tell_replaced
 from spinbench.extras import need
 from spinbench.progress import bars
@@ -23,6 +23,10 @@ ManyArgument = Annotated[
 TableOption = Annotated[Path, options.out_folder("Folder for the table; started again, it goes on.")]
 
 
+_going_on = kept_when_interrupted(lambda out: f"what was done is kept in {out}; the same command goes on from there")
+
+
+@_going_on
 def diagnose(
     recordings: ManyArgument,
     out: TableOption,
@@ -41,6 +45,7 @@ def diagnose(
     _tell(("recording", "verdict", "effects"), shown, rows, out)
 
 
+@_going_on
 def fit(
     recordings: ManyArgument,
     out: TableOption,
@@ -73,6 +78,7 @@ def fit(
     _tell(("recording", "f_overall, N m s", "the model fits"), shown, rows, out)
 
 
+@_going_on
 def trend(
     recordings: ManyArgument,
     out: Annotated[Path, options.out_folder("Folder for page and table; started again, it goes on.")],
@@ -94,6 +100,8 @@ def trend(
     if len(swept) < len(found):
         remark(f"passed over: {len(found) - len(swept)} runs that are no sweeps")
     refuse_other_than_iso({one: readings.date_stated(one) for one in swept})
+    swept, twice = readings.each_once(swept)
+    remark(*twice)
     rows = _diagnosed(swept, seed, out, workers, scheduler)
     said = fleet.write_trend(out, rows)
     read = {row["recording"]: readings.read(Path(row["recording"]), quiet=True) for row in rows if not row["error"]}

@@ -103,3 +103,12 @@ def test_a_killed_run_is_read_as_one_of_many(tmp_path, capsys):
     run = write_sweep(tmp_path, seal=False).rename(tmp_path / "killed")
     assert readings.read_of_many(run).files
     assert "spinbench: killed: the run is killed\n" in capsys.readouterr().err
+
+
+def test_a_run_that_holds_the_readings_of_another_counts_once(tmp_path):
+    first, again = run_in(tmp_path, "first"), tmp_path / "second"
+    shutil.copytree(first, again)
+    (tmp_path / "third").mkdir()
+    kept, told = readings.each_once([first, again, tmp_path / "third"])
+    assert kept == [first, tmp_path / "third"]  # what cannot be read is left to who reads it
+    assert told == [f"passed over: {again}: it holds the readings of {first}"]

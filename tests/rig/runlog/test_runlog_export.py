@@ -191,7 +191,7 @@ def test_unusable_and_unverified_readings_are_counted_in_the_notes(tmp_path):
             bench.writer.exchange(poll("meter", {FLOW: value}, bench.time_ns, quality=quality))
 
     notes = recording_of(written(tmp_path, fill)).notes
-    assert "flow_l_min (meter.flow_l_min): of 33 readings in the plateaus 2 were unusable and 1 unverified" in notes
+    assert "flow_l_min (meter.flow_l_min): of 33 readings in the plateaus, 2 unusable and 1 unverified" in notes
 
 
 def test_unusable_readings_are_not_in_a_transient(tmp_path):
