@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 COLUMNS = 2
 MOST_LABEL, MOST_WIDE = 24, 36  # characters under a point, and of a line along an axis
 MOST_TICKS = 6
+FEW = 4  # recordings whose names have two lines
 MOST_ALONG, MOST_UPRIGHT, MOST_NAMES = 36, 16, 10  # characters along an axis and of an upright name; names at an axis
 BAND = "#DCE9F3"
 
@@ -98,10 +99,11 @@ def _draw(axis: Axes, panel: Panel) -> None:
 
 def _name_points(axis: Axes, points: Sequence[Point]) -> None:
     """Recordings that stand side by side: names with dates, upright where that is too wide; not all of many."""
-    named = [_under(one, MOST_LABEL) for one in points]
+    lines = 2 if len(points) <= FEW else 1
+    named = [_under(one, MOST_LABEL, lines) for one in points]
     upright = len(points) * max(len(line) for text in named for line in text.split("\n")) > MOST_ALONG
     if upright:
-        named = [_under(one, MOST_UPRIGHT) for one in points]
+        named = [_under(one, MOST_UPRIGHT, lines) for one in points]
     each = -(-len(points) // MOST_NAMES)
     axis.set_xticks(range(0, len(points), each), named[::each], fontsize=7.5, rotation=90 if upright else 0)
     axis.set_xlim(-0.6, len(points) - 0.4)
@@ -113,6 +115,6 @@ def _power(size: float) -> int:
     return power if power < -3 or power > 3 else 0
 
 
-def _under(one: Point, most: int) -> str:
-    name = style.plain(one.recording[:most])
-    return name if one.taken is None else f"{name}\n{one.taken.date().isoformat()}"
+def _under(one: Point, most: int, lines: int) -> str:
+    parts = [style.plain(one.recording[start : start + most]) for start in range(0, len(one.recording), most)][:lines]
+    return "\n".join(parts if one.taken is None else [*parts, one.taken.date().isoformat()])

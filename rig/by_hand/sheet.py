@@ -12,7 +12,7 @@ from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile
 from rig.by_hand.by_hand import faces_of, on_the_dial
 from rig.instruments.manual import is_other_unit, quantity, unit_on_face
-from rig.plateaus.plan import Step, plan
+from rig.plateaus.plan import DOWN, UP, Step, plan
 
 AT_ZERO = "zero"  # in the column of the level: instruments read with the line vented
 
@@ -39,6 +39,9 @@ def print_sheet(bench: Bench) -> str:
     return stream.getvalue()
 
 
+FROM = {UP: "below", DOWN: "above"}  # where a level is approached from
+
+
 def print_page(bench: Bench) -> str:
     """A sheet to be printed on A4 and filled in by hand, as HTML."""
     faces = faces_of(bench)
@@ -49,14 +52,14 @@ def print_page(bench: Bench) -> str:
         dial = on_the_dial(bench, step.level_bar_abs, ambient_bar)
         also = f"{step.level_bar_abs - ambient_bar:.2f} gauge{dial and f'; dial: {dial}'}"
         level = f"{step.level_bar_abs:.2f} <small>({html.escape(also)})</small>"
-        rows.append(_page_row(level, step.direction, len(heads)))
+        rows.append(_page_row(level, FROM[step.direction], len(heads)))
     rows.append(_page_row("zero", "", len(heads)))
     blanks = "".join(
         f"<p>{text} <span></span></p>"
         for text in (
             "Date, operator:",
             "Ambient pressure at this height, start / end [bar abs, as 1.013]:",
-            "Room temperature, start / end [degC]:",
+            "Room temperature, start / end [°C]:",
             "Relative humidity, start / end [0 to 1, as 0.50]:",
             "Lubrication, when last given:",
             "Minutes that the motor has run today:",
