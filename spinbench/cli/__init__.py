@@ -11,6 +11,8 @@ What is slow to import is imported inside the commands, so that `spinbench --hel
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Any
 
 import typer
@@ -68,16 +70,22 @@ class _Group(TyperGroup):
             formatter.write_dl([(name, one.get_short_help_str(limit=1000)) for name, one in self.commands.items()])
 
 
+KINDS = {"str": "text", "int": "whole number", "float": "number"}  # words of a help for types of the language
+
+
 def _with_plain_types(parameters: list[Any]) -> list[Any]:
-    """Parameters whose help has no type of a switch, and of several values the type of one."""
+    """Parameters whose help has no type of a switch, and that of any other, or of one of several values, in words."""
     for parameter in parameters:
         if getattr(parameter, "is_flag", False):
             parameter.metavar = ""
-        descriptor = getattr(parameter, "type_descriptor", None)
-        if descriptor is not None and descriptor.is_list:
-            kind = parameter.bare_type().removeprefix("list[").removesuffix("]").lower()
-            parameter.display_type = lambda ctx, kind=kind: f"<{kind}>"
+        elif hasattr(parameter, "type_descriptor") and not parameter.type_descriptor.is_choice:
+            parameter.display_type = partial(_kind, parameter.display_type)
     return parameters
+
+
+def _kind(of_language: Callable[..., str], ctx: Any) -> str:
+    told = of_language(ctx).strip("<>").removeprefix("list[").removesuffix("]").removesuffix(" range").lower()
+    return f"<{KINDS.get(told, told)}>"
 
 
 app = typer.Typer(

@@ -81,14 +81,15 @@ def console(
     port: Annotated[
         int | None,
         typer.Option(
-            min=0, max=65535, help="Of the page, on this machine; 8642, or the next that is free, if left out."
+            min=0, max=65535, help="Port of the page, on this machine; 8642, or the next that is free, if left out."
         ),
     ] = None,
     listen: Annotated[
         str,
         typer.Option(
             metavar="ADDRESS",
-            help="Of this machine, to be opened from others: 0.0.0.0 is all. Then a browser needs the token to watch.",
+            help="Address of this machine at which others may open the page; 0.0.0.0 is all of its addresses. "
+            "A browser then needs the token to watch, too.",
         ),
     ] = "127.0.0.1",
     rate: options.RateOption = None,

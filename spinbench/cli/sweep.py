@@ -186,6 +186,9 @@ def _take(
     print(f"{folder}: {ended(outcome.outcome, outcome.stopped_by, outcome.reason)}")
     if not outcome.vented:
         remark(UNVENTED)
+    rate = wanted.rate or (bench.file.virtual.rate if bench.file.virtual is not None else 1.0)
+    if outcome.outcome == "failed" and rate > 1.0:
+        remark(f"a virtual bench at {rate:g} times real time needs a machine that has time for it: try a lower --rate")
     if page:
         _write_page(folder)
     if outcome.outcome != "finished":
