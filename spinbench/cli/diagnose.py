@@ -63,7 +63,7 @@ def diagnose(
     per_recording: options.PerRecordingOption = None,
     logs: options.LogsOption = options.LOGS,
 ) -> None:
-    """Say whether the model explains a recording and, if not, which physics is missing; exit code 0 whatever the verdict."""
+    """Say whether the model explains a recording and, if not, which physics is missing; exit 0 with any verdict."""
     from calibration.data.joined import as_given
     from calibration.data.left_out import without
     from calibration.diagnosis.diagnose import diagnose as look
@@ -142,7 +142,7 @@ def compare(
     left_out: options.WithoutOption = None,
     logs: options.LogsOption = options.LOGS,
 ) -> None:
-    """Say what changed from one recording of a motor to another, or that nothing did; exit code 0 whatever the answer."""
+    """Say what changed from one recording of a motor to another, or that nothing did; exit 0 with any answer."""
     from calibration.data.rows_used import few_used
     from calibration.report.comparison import page, words
     from calibration.report.diagnosis.words import steps_in_words
