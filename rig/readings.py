@@ -113,3 +113,12 @@ class Exchange:
     def with_readings(self, readings: tuple[Reading, ...]) -> Exchange:
         """The same exchange with other readings."""
         return dataclasses.replace(self, readings=readings)
+
+
+def with_error(mean: float, error: float | None) -> str:
+    """A mean for a person, no finer than two digits of its standard error, nor than five digits of its own."""
+    if not error:
+        return f"{mean:.5g}"
+    own = 4 - math.floor(math.log10(abs(mean))) if mean else 4
+    decimals = max(0, min(own, 1 - math.floor(math.log10(error))))
+    return f"{round(mean, decimals):.7g} +- {max(error, 10.0**-decimals):.{decimals}f}"

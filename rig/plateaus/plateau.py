@@ -11,7 +11,7 @@ import numpy as np
 
 from rig.plateaus.plan import Step
 from rig.plateaus.series import line_through, standard_error
-from rig.readings import NS, Quality
+from rig.readings import NS, Quality, with_error
 from rig.recording.columns import OF_CHANNEL
 
 LEAST_FOR_DRIFT = 5  # readings
@@ -66,8 +66,7 @@ class Mean:
         if self.mean is None:
             return f"no {unit}"
         sign = {-1: "<", 0: "", 1: ">"}[self.shown_censored]
-        error = f" +- {self.se:.2g}" if self.se else ""
-        return f"{sign}{self.mean:.5g}{error} {unit}"
+        return f"{sign}{with_error(self.mean, self.se)} {unit}"
 
 
 def mean_of(

@@ -53,7 +53,8 @@ def settled(
         recent = time_s > time_s[-1] - window_s
         time_s, value = time_s[recent], value[recent]
     if time_s.size < LEAST_READINGS:
-        return Settled(False, why=f"readings in the window: {time_s.size}; {LEAST_READINGS} are needed")
+        readings = f"{time_s.size} reading{'s' * (time_s.size != 1)}"
+        return Settled(False, why=f"{readings} in the window; {LEAST_READINGS} are needed")
     covered_s = float(time_s[-1] - time_s[0])
     if covered_s < FILLED * window_s:
         return Settled(False, why=f"the readings cover {covered_s:.3g} s of the window's {window_s:g} s")

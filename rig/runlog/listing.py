@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.readings import with_error
 from rig.recording.mistakes import shown
 from rig.runlog.folder import PLATEAUS, SAMPLES, START, RunError, is_locked
 from rig.runlog.lines import whole_lines
@@ -147,7 +148,7 @@ def _mean(plateau: PlateauRow, name: str) -> str:
     if mean is None:
         return ""
     sign = {-1: "<", 0: "", 1: ">"}[mean.censored]
-    return f"{sign}{mean.mean:.5g}" + (f" +- {mean.se:.2g}" if mean.se is not None else "")
+    return f"{sign}{with_error(mean.mean, mean.se)}"
 
 
 def _event_lines(run: Run) -> list[str]:

@@ -9,7 +9,7 @@ from rig.plateaus.plan import Step, SweepError, plan, stepping_stone
 from rig.plateaus.plateau import Plateau, mean_of
 from rig.plateaus.series import integrated_time, standard_error
 from rig.plateaus.settle import settled
-from rig.readings import Quality
+from rig.readings import Quality, with_error
 from rig.runlog import plateaus as table
 
 LEVELS = [1.9, 1.3, 1.6]
@@ -241,3 +241,20 @@ def test_a_plateau_fits_the_runs_table():
     cells = dict(zip(table.COLUMNS, table.line(row).decode().rstrip("\n").split(","), strict=True))
     assert (cells["speed_rpm"], cells["speed_rpm_n"]) == ("300.0", "5")
     assert (cells["flow_l_min"], cells["flow_l_min_se"], cells["note"]) == (">100", "", "noted")
+
+
+@pytest.mark.parametrize(
+    ("mean", "error", "shown"),
+    [
+        (1.2479, 6.6e-05, "1.2479 +- 0.0001"),
+        (0.60031, 0.02, "0.6 +- 0.020"),
+        (480.83, 0.0012, "480.83 +- 0.01"),
+        (1.81, 0.0058, "1.81 +- 0.0058"),
+        (13.09, 0.017, "13.09 +- 0.017"),
+        (0.0, 0.0, "0"),
+        (397.06, None, "397.06"),
+        (12345.6, 250.0, "12346 +- 250"),
+    ],
+)
+def test_a_mean_is_told_no_finer_than_it_is_known(mean, error, shown):
+    assert with_error(mean, error) == shown
