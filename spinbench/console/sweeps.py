@@ -43,10 +43,10 @@ RANGES = {
 
 
 def sentence(said: str) -> str:
-    """What a command says of why it did not begin, without the box around it and without its usage."""
-    _, box, within = said.partition("─ Error ─")
-    lines = within.splitlines()[1:] if box else said.splitlines()
-    return " ".join(line.strip(" │╰╯─").removeprefix("spinbench: ") for line in lines).strip()
+    """What a command says of why it did not begin, without its usage."""
+    _, usage, told = f"\n{said}".partition("\nError: ")
+    lines = (told if usage else said).splitlines()
+    return " ".join(line.strip().removeprefix("spinbench: ") for line in lines).strip()
 
 
 class Sweeps:

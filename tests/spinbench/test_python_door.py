@@ -83,7 +83,7 @@ def test_a_recording_says_which_readings_are_off_the_scale(put_recording):
 def test_what_cannot_be_opened_is_told_in_a_sentence(tmp_path, put_recording):
     file = put_recording(("sweep.csv", "steady", CENSORED.replace("44.0", "forty"))) / "sweep.csv"
     for path, words in (
-        ("nowhere", "there is no folder 'nowhere', and no run in logs"),
+        ("nowhere", "there is no folder 'nowhere', and there is no run in logs yet"),
         (tmp_path / "nowhere", "there is no such folder"),
         (tmp_path, "neither a recording (it has no recording.toml) nor a run (it has no start.json)"),
         (file, "name the folder that it is in"),

@@ -449,7 +449,7 @@ def test_bad_input_is_refused_in_words_and_nothing_is_written(tmp_path, spinbenc
 def test_a_missing_folder_is_refused_in_a_line(tmp_path, spinbench_here):
     done = spinbench_here("fit", "gone", "-o", "out", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith("spinbench: there is no folder 'gone', and no run in logs is called 'gone'")
+    assert done.stderr.startswith("spinbench: there is no folder 'gone', and there is no run in logs yet")
     assert len(done.stderr.splitlines()) == 1
     assert not list(tmp_path.iterdir())
 

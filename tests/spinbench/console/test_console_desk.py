@@ -125,7 +125,7 @@ def test_what_is_to_be_typed_after_a_stop_names_the_bench_file_that_the_console_
 def test_a_refusal_is_a_sentence_without_the_usage_of_the_command(desk):
     text = refused(desk)["text"]
     assert text.startswith("Invalid value for '--minutes-running': ")
-    assert not set("│╭─╰\n") & set(text)
+    assert not set("│╭─╰\n") & set(text) and "Error: " not in text
     assert "Usage" not in text
     desk.sweeps.start(SWEEP, {"relative_humidity": "3"})
     told = wait_for(lambda: desk.console("w")["start_failed"], "the refusal of a start")["text"]
