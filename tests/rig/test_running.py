@@ -415,7 +415,7 @@ def test_a_place_where_no_run_can_be_made_is_told_in_one_line(served, tmp_path):
     result = run("sweep", path, "--logs", tmp_path / "logs", *DAY)
     assert result.returncode == 2
     (line,) = told(result)
-    assert "the run's folder cannot be made" in line
+    assert "a file, where the folder of runs is to be; name another with --logs" in line
 
 
 def test_every_mistake_of_a_bench_file_is_told_at_once_before_anything_is_opened(bench, tmp_path, spinbench_anywhere):
