@@ -93,9 +93,8 @@ class SafetyTable(Strict):
     highest_speed_rpm: Positive = 600.0
     highest_pressure_bar_abs: Positive = 4.0
     speed_stale_s: Wait = 1.0
-    waive_failsafe: list[str] = pydantic.Field(
-        default_factory=list
-    )  # regulators that may run without a communications failsafe of their own
+    # Regulators that may run without a communications failsafe of their own.
+    waive_failsafe: list[str] = pydantic.Field(default_factory=list)
 
 
 class SweepTable(Strict):
