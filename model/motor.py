@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ import numpy as np
 import pydantic
 
 import configs
-from configs import ConfigError, Strict
+from configs import ConfigError, Strict, close_to
 from model import geometry, layout
 
 MOTORS = configs.FOLDER / "motors"
@@ -276,8 +275,8 @@ def set_values(motor: Motor, assignments: list[str]) -> Motor:
             values[names[key]] = _number(key, text)
         else:
             known = [*names, *Readings.model_fields]
-            close = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            close = close_to(key, known)
+            hint = f"did you mean '{close}'?" if close else f"known: {', '.join(known)}"
             raise ConfigError(f"--set {key[:60]}: no such parameter or reading; {hint}")
     return motor.with_values(values).with_readings(**readings)
 

@@ -65,7 +65,7 @@ def own_of_each(names: Sequence[str], recordings: int, held: Sequence[str] | Non
 
     `recordings`: how many there are [-].
     `held`: the effects that the model holds, where they are given.
-    Raises EffectsError for an id that there is not (the nearest is named), or that the model does not hold; for a
+    Raises EffectsError for an id that there is not (one that is close is named), or that the model does not hold; for a
     single recording.
     """
     refuse_effects(names, effects())

@@ -210,6 +210,7 @@ def test_a_size_beyond_what_an_engineer_would_believe_is_impossible(rubbing):
     ("names", "words"),
     [
         (["coulom_friction"], "no effect is called 'coulom_friction'; the nearest is coulomb_friction"),
+        (["turbulence"], "no effect is called 'turbulence'; known: "),
         (["inertia"], "inertia shows in runs in time only"),
         (["bad_reading"], "every fit looks for bad readings"),
         (["leakage", "leakage"], "leakage is named twice"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +12,7 @@ from calibration.data.measurement import Measurement
 from calibration.systems.radial_piston.batch.states import Way, way_of
 from calibration.unknowns.effects import sampled
 from calibration.unknowns.priors import Unknown
+from configs import close_to
 from model.effects import effects
 from model.effects.effect import Effect, EffectParameter
 from model.effects.laws import Chosen
@@ -65,7 +65,7 @@ class Effects:
 def in_fit(names: Sequence[str], motor: Motor, recording: Recording, measured: Measurement) -> Effects | None:
     """The effects that a fit was asked for; None where it was asked for none.
 
-    Raises EffectsError for an id that there is not (the nearest is named), or an effect of which steady rows say
+    Raises EffectsError for an id that there is not (one that is close is named), or an effect of which steady rows say
     nothing.
     """
     if not names:
@@ -94,7 +94,7 @@ def refuse_effects(names: Sequence[str], could: Container[str]) -> None:
     """Refuse effects that a fit to everything in its recordings cannot hold.
 
     `could`: effects that these recordings could show.
-    Raises EffectsError for an id that there is not (the nearest is named), or an effect that they could not show.
+    Raises EffectsError for an id that there is not (one that is close is named), or an effect that they could not show.
     """
     for name in names:
         _check_name(name, names)
@@ -105,8 +105,9 @@ def refuse_effects(names: Sequence[str], could: Container[str]) -> None:
 def _check_name(name: str, names: Sequence[str]) -> None:
     known = effects()
     if name not in known:
-        close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)
-        raise EffectsError(f"no effect is called {name[:60]!r}; the nearest is {close[0]}. All: {', '.join(known)}")
+        close = close_to(name, known)
+        meant = f"the nearest is {close}. All" if close else "known"
+        raise EffectsError(f"no effect is called {name[:60]!r}; {meant}: {', '.join(known)}")
     if list(names).count(name) > 1:
         raise EffectsError(f"{name} is named twice; name it once")
     if name == "bad_reading":
