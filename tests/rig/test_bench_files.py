@@ -2,6 +2,7 @@
 
 import pytest
 
+import configs
 from configs import ConfigError
 from rig.bench.bench import read_bench
 
@@ -121,3 +122,14 @@ def test_a_regulator_has_to_take_the_order_for_no_pressure(tmp_path, unit, lowes
         assert words in str(refused.value)
     else:
         assert read(tmp_path, "[roles]", device).file.roles.regulator == "regulator"
+
+
+@pytest.mark.parametrize("name", ["lab", "virtual"])  # the tachometer of the other speaks unasked
+def test_on_a_shipped_bench_one_lost_answer_ends_no_run(name):
+    bench = read_bench(configs.FOLDER / "benches" / f"{name}.toml")
+    for role in (bench.file.roles.pressure, bench.file.roles.speed):
+        device = role.partition(".")[0]
+        table, settings = bench.file.devices[device], bench.instruments[device]
+        line = bench.file.lines[table.line]
+        slowest_s = max(line.timeout_s, settings.slowest_reply_s or line.slowest_reply_s)
+        assert table.period_s + 2.0 * slowest_s <= bench.file.safety.speed_stale_s

@@ -244,7 +244,7 @@ def test_a_program_that_takes_ports_is_told_with_what_to_do(bench_on, host, name
     assert fix in warning.fix
 
 
-@pytest.mark.parametrize("garbage", [b"", b"\xf8\x00\xe0\xfe\x1c"])
+@pytest.mark.parametrize("garbage", [b"", pytest.param(b"\xf8\x00\xe0\xfe\x1c", marks=pytest.mark.long)])
 def test_a_wrong_baud_rate_is_found_by_trying_the_usual_ones(bench_on, host, garbage):
     with peer(baud=9600, byte_s=0.001, garbage=garbage) as device:
         findings = examine(bench_on(device.path, baud=38400), host=host, polls=2)

@@ -127,7 +127,7 @@ def test_it_finds_the_published_sweep_by_its_name(installed):
 
 
 def test_its_runs_are_those_of_the_folder_that_it_is_started_in(installed):
-    assert installed.run("runs", "list").stderr == "no runs in logs\n"
+    assert installed.run("runs", "list").stderr == "no runs in logs: there is no such folder\n"
 
 
 def test_it_has_no_ledger_of_its_own(installed):

@@ -191,6 +191,7 @@ def test_a_case_s_seed_hangs_on_the_campaign_s_name_and_its_index(campaign):
     assert len(set(said)) == CASES
 
 
+@pytest.mark.long
 def test_two_workers_say_what_one_says(campaign, tmp_path):
     shutil.copytree(campaign, tmp_path / "again")
     assert running.run(tmp_path / "again", 2, task=fake_rig.diagnose).sha256 == ran(campaign).sha256

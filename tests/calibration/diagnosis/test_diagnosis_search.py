@@ -445,7 +445,7 @@ def test_a_rotor_that_is_caught_while_its_line_fills_is_no_surprise(tmp_path: Pa
     assert abs(found["spin_up.csv.begun"]) < 2.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [820007, 830004])  # a droop of 0.11 bar; a line that fills to a half at once
 def test_a_line_that_a_regulator_fills_is_no_surprise(tmp_path: Path, seed: int) -> None:
     found = base_of_null(tmp_path, seed)
