@@ -100,7 +100,7 @@ def test_a_bench_of_the_project_is_found_by_its_name_and_an_instrument_by_its_pa
     assert read_bench(file).instruments["gauge"].family == "keller_30x"
     (project / "instruments" / "mine.toml").unlink()
     with pytest.raises(
-        ConfigError, match="there is no file '../instruments/mine.toml', counted from the bench file's folder"
+        ConfigError, match=r"there is no file '\.\./instruments/mine\.toml', counted from the bench file's folder"
     ):
         read_bench(file)
 
