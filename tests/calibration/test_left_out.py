@@ -94,6 +94,7 @@ def test_a_level_is_that_of_the_column_as_it_stands(put_recording):
         without([read_recording(folder)], ["none.csv:0.5bar"])
 
 
+@pytest.mark.long
 def test_a_diagnosis_without_a_level_says_so(bench, spinbench_here):
     left_out = told(bench, spinbench_here, "--without", "coast_down.csv", "--without", "sweep.csv:1.4bar,4-7")
     (file,) = left_out["files"]

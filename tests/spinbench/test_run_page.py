@@ -75,6 +75,7 @@ def test_a_run_that_was_stopped_says_why_and_how_it_is_gone_on_with(tmp_path):
     assert f"spinbench sweep synthetic --continue {writer.folder}" in said
 
 
+@pytest.mark.long
 def test_a_page_that_cannot_be_made_is_told_and_ends_nothing(tmp_path, capsys):
     sweep._write_page(tmp_path / "no run")
     assert "spinbench: the run's page could not be made (RunError: " in capsys.readouterr().err

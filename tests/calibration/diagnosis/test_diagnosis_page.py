@@ -583,6 +583,7 @@ def test_gauge_pressures_under_the_name_of_absolute_ones_are_refused(tmp_path, s
     assert "name the column pressure_bar_gauge" in said
 
 
+@pytest.mark.long
 def test_rows_of_recordings_of_one_name_are_told_apart(tmp_path):
     both = [sweep(tmp_path / day / "recording", seed, {}) for day, seed in (("monday", 11), ("tuesday", 12))]
     names = [file.file for file in together(both).files]

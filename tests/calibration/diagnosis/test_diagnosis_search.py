@@ -432,14 +432,14 @@ def base_of_null(folder: Path, seed: int) -> dict[str, float]:
     return {one.name: float(z) for one, z in zip(comparison.problem.nuisances, base.z, strict=True)}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_line_that_a_slow_valve_vents_is_no_surprise(tmp_path: Path) -> None:
     found = base_of_null(tmp_path, 740149)  # valve 0.055 s, line 0.22 L
     forms = [found[f"coast_down.csv.venting_form_{k}"] for k in range(len(FORMS))]
     assert np.abs(forms).max() < 2.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_rotor_that_is_caught_while_its_line_fills_is_no_surprise(tmp_path: Path) -> None:
     found = base_of_null(tmp_path, 740093)  # moves at 0.02 s, stands from 0.09 to 0.48 s
     assert abs(found["spin_up.csv.begun"]) < 2.0

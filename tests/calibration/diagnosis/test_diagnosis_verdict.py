@@ -92,6 +92,7 @@ def test_a_misread_row_is_named_with_its_place(tmp_path: Path) -> None:
     assert found["f_overall_after"]["sd"] > found["f_overall_before"]["sd"]
 
 
+@pytest.mark.long
 def test_of_a_flow_that_is_misread_the_speed_beside_it_is_not_accused(tmp_path: Path) -> None:
     sweep(tmp_path, 1, {})
     lines = (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()
@@ -120,6 +121,7 @@ def test_what_is_off_at_a_level_each_time_is_not_called_misread(tmp_path: Path) 
     assert found["verdict"] == "unresolved" and found["suspect_rows"] == []
 
 
+@pytest.mark.long
 def test_an_outlier_of_heavy_tails_is_suspect_and_not_called_misread(tmp_path: Path) -> None:
     found = as_json(diagnose(sweep(tmp_path, 5, {}, bad_row=7, off_rpm=6.0), 1))
     assert found["verdict"] == "consistent" and not found["effects"]
@@ -464,6 +466,7 @@ CASES = {"p02": [set()], "p09": [{"friction_warm_up"}]}
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.long
 def test_a_practice_recording_is_not_misnamed(name: str) -> None:
     if not (PRACTICE / name).is_dir():
         pytest.skip("the practice recordings are not on this machine")
