@@ -73,9 +73,10 @@ def null_recording(
             z[i] *= next((share for end, share in OF_A_BENCH.items() if unknown.of.what.endswith(end)), 1.0)
     chosen = {name: dict(values) for name, values in (concealed or {}).items()}
     if with_runs:  # a regulator's droop follows the air that the motor takes
-        told = _with_speeds(nominal, [_speeds(problem, i, z, chosen, np.random.default_rng(0)) for i in range(2)])
-        if len(Problem(told).blocks.runs) == len(RUNS):  # else the rotor was caught, and takes none
-            nominal, problem = told, Problem(told)
+        speeds = [_speeds(problem, i, z, chosen, np.random.default_rng(0)) for i in range(len(RUNS))]
+        told = Problem(turning := _with_speeds(nominal, speeds))
+        if len(told.blocks.runs) == len(RUNS):  # else the rotor was caught, and takes none
+            nominal, problem = turning, told
     factor = dict.fromkeys(CHANNELS, 1.0)
     if noise == "misdeclared":
         factor = {channel: math.exp(MISDECLARED * rng.standard_normal()) for channel in CHANNELS}
