@@ -130,7 +130,8 @@ def run_of(file: RecordingFile, recording: Recording, pulse_rad: float) -> RunIn
     name, gauge = pressure_in(file.columns)
     if "time_s" not in file.columns or "speed_rpm" not in file.columns or name not in file.columns:
         raise RecordingError(f"{file.file}: a transient needs time_s, speed_rpm and a pressure for this motor")
-    clock, shown = file.columns["time_s"].values, file.columns["speed_rpm"].values
+    clock, read = file.columns["time_s"].values, file.columns["speed_rpm"]
+    shown = np.where(read.censor > 0, np.nan, read.values)  # off the scale is no speed
     tachometer = recording.channels["speed_rpm"]
     turning = np.where(shown > 0.0, shown, np.nan)
     sampled = np.isfinite(shown) & ~lone_zeros(shown)

@@ -76,8 +76,12 @@ class Limits:
         return next(filter(None, (self._beyond(reading, *limit) for reading in readings)), None)
 
     def _possible(self, reading: Reading) -> bool:
-        """Whether a rotor can have this speed, after the reading before. What a person typed is believed."""
-        if not reading.usable or reading.value is None:
+        """Whether a rotor can have this speed, after the reading before. What a person typed is believed.
+
+        Of a speed off the top of its scale the scale's end is judged: the rotor had that at least.
+        """
+        is_above = reading.quality is Quality.OVER_RANGE and reading.censored >= 0
+        if not (reading.usable or is_above) or reading.value is None:
             return True
         before, self._speed_before = self._speed_before, reading
         if before is None or before.value is None or reading.quality is Quality.MANUAL:

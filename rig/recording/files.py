@@ -129,7 +129,7 @@ def _remove_if_empty(folder: Path) -> None:
 
 def _write_into(hidden: Path, place: Path, content: bytes) -> Path:
     """A file with the content, on the disk, that is yet to be moved to its place."""
-    temporary = hidden / place.name
+    temporary = hidden / f"{place.name}.part"  # under its own name it would make the hidden folder look like a run
     try:
         with temporary.open("xb") as stream:
             stream.write(content)

@@ -291,6 +291,17 @@ def test_a_run_as_it_should_be_is_not_refused(tmp_path: Path, opened: np.ndarray
     refuse_unusable(run_of_motor(tmp_path / "run", opened, speed))
 
 
+def test_a_speed_off_the_scale_is_no_reading_of_a_run_in_time(tmp_path: Path) -> None:
+    """An edge counter gives one where the rotor turns back at a tooth and passes it twice."""
+    recording = run_of_motor(tmp_path / "run", OPEN_FIRST, ROCKING)
+    (plain,) = blocks_of(recording, PULSE).runs
+    file = tmp_path / "run" / "run.csv"
+    file.write_text(file.read_text(encoding="utf-8").replace(",293.0,", ",>5000,"), encoding="utf-8")
+    (run,) = blocks_of(read_recording(tmp_path / "run"), PULSE).runs
+    assert 83 in plain.row
+    assert 83 not in run.row
+
+
 def gauged(folder: Path, cells: list[str]) -> Blocks:
     """A coast-down of the motor at 100 rows a second, with what stands in its pressure cells."""
     folder.mkdir()

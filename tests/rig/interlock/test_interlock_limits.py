@@ -70,6 +70,20 @@ def test_an_edge_of_a_rotor_that_rocks_to_rest_is_no_overspeed():
     assert looks(Limits(SAFETY, ROLES), speed(12.0), speed(645.0, 0.00155), speed(9.0, 0.4)) == [None] * 3
 
 
+def off_scale(at_s):
+    return speed(5000.0, at_s, quality=Quality.OVER_RANGE, censored=1)
+
+
+def test_an_edge_of_a_rotor_that_turns_back_at_a_tooth_is_none_off_the_scale_either():
+    assert looks(Limits(SAFETY, ROLES), speed(12.0), off_scale(0.00015), speed(9.0, 0.4)) == [None] * 3
+
+
+def test_a_second_speed_off_the_scale_trips_however_fast_it_came():
+    said = looks(Limits(SAFETY, ROLES), speed(12.0), off_scale(0.00015), off_scale(0.0003))
+    assert said[:2] == [None] * 2
+    assert "beyond the scale of tach.speed_rpm: 5000 rpm or more, limit 600 rpm" in said[2]
+
+
 def test_a_speed_that_no_rotor_reaches_so_fast_trips_where_the_next_reading_has_it_too():
     limits = Limits(SAFETY, ROLES)
     jumped = speed(900.0, 0.001)

@@ -327,6 +327,22 @@ def test_the_start_record_is_there_whole_or_not_at_all(tmp_path, monkeypatch):
     assert list_runs(tmp_path) == []
 
 
+def test_a_run_is_in_the_list_by_its_own_name_alone_while_its_start_record_is_written(tmp_path, monkeypatch):
+    seen = []
+    replace = Path.replace
+
+    def look(self, place):
+        seen.extend(row.name for row in list_runs(tmp_path))
+        found = replace(self, place)
+        seen.extend(row.name for row in list_runs(tmp_path))
+        return found
+
+    monkeypatch.setattr(Path, "replace", look)
+    with new_writer(tmp_path) as writer:
+        pass
+    assert seen == [writer.name]
+
+
 def test_the_start_record_says_what_the_run_was(tmp_path):
     with new_writer(tmp_path, parent="an_earlier_run", lubrication="oil mist") as writer:
         record = json.loads((writer.folder / "start.json").read_text())

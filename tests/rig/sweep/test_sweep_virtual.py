@@ -93,10 +93,14 @@ def test_the_coast_down_has_every_tooth(swept):
     run_, _ = swept
     (event,) = [event.details for event in run_.events if event.event == "capture end"]
     samples = run_.samples
-    within = (samples["time_ns"] > event["event_s"] * NS) & (samples["time_ns"] < event["end_s"] * NS)
+    within = (samples["time_ns"] > event["start_s"] * NS) & (samples["time_ns"] < event["end_s"] * NS)
     turning = samples[within & (samples["channel"] == "speed_rpm") & (samples["value"] > 40.0)]
-    assert len(turning) >= 20
-    assert set(turning["raw"].str.partition(" in ")[0]) == {"1 edge"}
+    assert turning["value"].max() > 300.0
+    assert turning["value"].iloc[-5:].min() < 100.0
+    assert set(turning["raw"].iloc[1:].str.partition(" in ")[0]) == {"1 edge"}
+    # On a busy machine the bench may have slowed down before it is told that it was ordered to.
+    slowing = turning[turning["value"] < 0.9 * turning["value"].max()]
+    assert len(slowing) >= 20
 
 
 @pytest.mark.long
