@@ -60,6 +60,11 @@ class Cell:
         value = float("".join(match[2].split())) if match else math.inf  # such as +  2.00
         return (value, _SIGN[match[1]]) if match and not math.isinf(value) else None
 
+    def flag(self, cell: str | float) -> tuple[float, int] | None:
+        """0 or 1, as a number or as a workbook writes it."""
+        word = str(cell).strip().casefold()
+        return (float(word == "true"), 0) if word in ("true", "false") else self.number(cell)
+
     def time(self, unit: str) -> Callable[[str | float], tuple[float, int] | None]:
         """What reads a date, a time of day or both, in seconds from some moment."""
         if unit in DATED:

@@ -154,7 +154,7 @@ def _rows(entry: FileTable, table: Table, reads: Cell) -> list[int]:
     cells, wanted = table.column(entry.only.column), entry.only.equals
     if isinstance(wanted, str):
         return [row for row in rows if str(cells[row]).strip() == wanted]
-    return [row for row in rows if reads.number(cells[row]) == (wanted, 0)]
+    return [row for row in rows if reads.flag(cells[row]) == (wanted, 0)]
 
 
 def _read_rows(mapping: MappingFile, entry: FileTable, table: Table, rows: list[int]) -> list[int]:

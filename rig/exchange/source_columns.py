@@ -14,7 +14,7 @@ from rig.exchange.mapping import ColumnTable
 from rig.exchange.tables import Table
 from rig.exchange.units import unit_of
 from rig.recording import Column
-from rig.recording.columns import MEASURED
+from rig.recording.columns import FLAGS, MEASURED
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 
@@ -90,7 +90,8 @@ def _values(
     of_day: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
     """The numbers of cells, infinite where the range ended, and whether each is off scale."""
-    read = reads.time(source.unit) if of_day else reads.reading if name in MEASURED else reads.number
+    numbers = reads.reading if name in MEASURED else reads.flag if name in FLAGS else reads.number
+    read = reads.time(source.unit) if of_day else numbers
     values, censor = np.empty(len(cells)), np.zeros(len(cells), dtype=np.int8)
     for index, cell in enumerate(cells):
         found = read(cell if cell is not None else "")

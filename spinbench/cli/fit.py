@@ -76,6 +76,8 @@ def fit(
     from calibration.fit import fit as fits
     from calibration.fit.sampling import Settings
 
+    if compare and speed_only:
+        raise typer.BadParameter("--compare fits again without the flow, which --speed-only leaves out: give one of them")
     check_places(out, json_file)
     parts = readings.all_named(recording, logs, parents)
     readings.refuse_twice(parts)

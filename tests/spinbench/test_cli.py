@@ -316,6 +316,13 @@ def test_a_place_for_a_comparison_that_was_not_asked_for_is_refused(tmp_path, sp
     assert "is for the comparison with the model" in done.stderr
 
 
+def test_a_comparison_with_what_is_left_out_already_is_refused(spinbench_here, tmp_path):
+    done = spinbench_here("fit", "published_sweep", "--speed-only", "--compare", "-o", "out", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "which --speed-only leaves out: give one of them" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("again", "says"),
     [

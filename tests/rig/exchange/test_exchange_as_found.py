@@ -120,6 +120,7 @@ MERGED = '<mergeCells count="1"><mergeCell ref="A2:A3"/></mergeCells>'
     ("write", "words"),
     [
         (sheet('<c r="A3"><f>A2*1.1</f></c>'), "line 3, column 'P': '=A2*1.1' is not a number"),
+        (sheet('<c r="A3" t="b"><v>1</v></c>'), "line 3, column 'P': 'TRUE' is not a number"),
         (sheet('<c r="A3"/>', MERGED), "line 3, column 'P': 'merged with A2' is not a number"),
     ],
 )

@@ -285,6 +285,12 @@ def test_a_run_tells_of_the_supply_what_its_column_says(put, tmp_path, name):  #
     )
 
 
+def test_a_supply_in_a_workbook_s_words_is_a_supply(taken):
+    text = SIMPLE + CLOCKED.format("s") + SUPPLY
+    found, _ = taken("t;P;n;v\n0;2.0;397;TRUE\n1;1.5;390;False\n2;1.0;300;0\n", text)
+    assert found["supply_open"] == [1.0, 0.0, 0.0]
+
+
 def test_a_supply_that_is_switched_twice_is_no_run(put, tmp_path):  # noqa: F811 - the fixture
     text = POINT.replace("steady", "transient") + SIMPLE + CLOCKED.format("s") + SUPPLY
     source = put("a.csv", "t;P;n;v\n0;1;0;0\n1;2;200;1\n2;2;397;1\n3;1;300;0\n")
