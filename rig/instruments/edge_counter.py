@@ -129,6 +129,7 @@ class EdgeCounter:
             if mark.is_edge:
                 readings += self._edge(mark)
             elif mark.fault:
+                self._from = None
                 readings.append(self._broken(mark))
         if not readings and self._stands(marks[-1] if marks else None):
             readings.append(self._standing(marks[-1]))

@@ -77,7 +77,9 @@ def fit(
     from calibration.fit.sampling import Settings
 
     if compare and speed_only:
-        raise typer.BadParameter("--compare fits again without the flow, which --speed-only leaves out: give one of them")
+        raise typer.BadParameter(
+            "--compare fits again without the flow, which --speed-only leaves out: give one of them"
+        )
     check_places(out, json_file)
     parts = readings.all_named(recording, logs, parents)
     readings.refuse_twice(parts)

@@ -22,6 +22,7 @@ HEARTBEAT_NS = 50_000_000  # without an edge
 CLOCK_PPM = 20.0  # error of the counter's clock, 1 sigma
 FIRMWARE = "1.2"
 MOST_WAITING = 20_000
+MOST_STEPS, LEAST_STEP = 40, 1e-9  # to a crossing, in parts of a sample
 
 
 def serve(device: str, settings: Any, place: Place, world: World) -> EdgeCounter:
@@ -177,10 +178,13 @@ def crossing_ns(times_ns: np.ndarray, angles: np.ndarray, speeds: np.ndarray, an
         return float(times_ns[1])
     before, after, wanted = float(speeds[0]) * span_s, float(speeds[1]) * span_s, angle - float(angles[0])
     square, cube = 3.0 * turned - 2.0 * before - after, before + after - 2.0 * turned
-    s = min(1.0, max(0.0, wanted / turned))
-    for _ in range(4):
+    low, high, s = 0.0, 1.0, min(1.0, max(0.0, wanted / turned))
+    for _ in range(MOST_STEPS):
+        over = s * (before + s * (square + s * cube)) - wanted
+        low, high = (low, s) if over * turned > 0.0 else (s, high)
         slope = before + s * (2.0 * square + 3.0 * s * cube)
-        if slope * turned <= 0.0:
-            break  # it turns back between the samples: the straight line does
-        s = min(1.0, max(0.0, s - (s * (before + s * (square + s * cube)) - wanted) / slope))
+        step = over / slope if slope * turned > 0.0 else math.inf  # it turns back between the samples
+        last, s = s, s - step if low <= s - step <= high else 0.5 * (low + high)
+        if abs(s - last) < LEAST_STEP:
+            break
     return float(times_ns[0]) + s * span_s * NS

@@ -247,6 +247,17 @@ def test_frames_that_are_missing_ahead_of_a_heartbeat_are_told_in_a_capture(tach
     assert (reading.value, reading.quality, reading.detail) == (None, Quality.CRC, "2 frames are missing")
 
 
+def test_a_counter_that_is_started_anew_in_a_capture_gives_no_speed_over_the_start(tach):
+    """Of the time before only what its clock counted since would be in it: 60 000 rpm."""
+    _, _, counter = tach
+    capture(tach, counter.teeth(2, 0.01))
+    counter.ticks = 0xA000_0000
+    readings = capture(tach, counter.beats(1) + counter.teeth(1, 5e-5) + counter.teeth(1, 0.01))
+    speeds = [reading for reading in readings if reading.channel == "speed_rpm"]
+    assert ["was started anew" in speed.detail for speed in speeds] == [True, False]
+    assert (speeds[0].value, speeds[1].value) == (None, pytest.approx(300.0))
+
+
 def test_half_a_frame_is_no_reading_of_a_capture_and_its_other_half_is(tach):
     _, _, counter = tach
     capture(tach, counter.teeth(2, 0.01))

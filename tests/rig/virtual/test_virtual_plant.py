@@ -246,6 +246,21 @@ def test_the_time_of_a_tooth_is_that_of_the_cubic_between_two_samples():
     assert crossing_ns(np.array([0.0, span * NS]), angles, speeds, angle) == pytest.approx(middle * NS, abs=1e-3)
 
 
+@pytest.mark.parametrize("beyond", [1e-9, 1e-7, 1e-5])
+@pytest.mark.parametrize("turns_at", [0.999, 1.0, 1.001])
+def test_a_rotor_that_turns_back_just_behind_a_tooth_passes_it_twice_at_the_right_times(beyond, turns_at):
+    """Its angle is a parabola, with its top at `turns_at` ms and `beyond` rad above the tooth: cubics give it exactly."""
+    pull = 300.0  # rad/s2
+    times = np.arange(4.0)  # ms
+    away = (times - turns_at) * 1e-3
+    angles, speeds = beyond - 0.5 * pull * away**2, -pull * away
+    half = np.sqrt(2.0 * beyond / pull) * 1e3
+    for crossing in (turns_at - half, turns_at + half):
+        span = slice(int(crossing), int(crossing) + 2)
+        found = crossing_ns(times[span] * 1e6, angles[span], speeds[span], 0.0)
+        assert found == pytest.approx(crossing * 1e6, abs=1.0)
+
+
 def test_a_person_answers_a_plateau_in_one_line():
     assert answer(2.003, 72.2, 394.4) == "2.00 72 394"
 
