@@ -249,7 +249,7 @@ def test_the_time_of_a_tooth_is_that_of_the_cubic_between_two_samples():
 @pytest.mark.parametrize("beyond", [1e-9, 1e-7, 1e-5])
 @pytest.mark.parametrize("turns_at", [0.999, 1.0, 1.001])
 def test_a_rotor_that_turns_back_just_behind_a_tooth_passes_it_twice_at_the_right_times(beyond, turns_at):
-    """Its angle is a parabola, with its top at `turns_at` ms and `beyond` rad above the tooth: cubics give it exactly."""
+    """Its angle is a parabola, which a cubic is exactly: its top at `turns_at` ms, `beyond` rad above the tooth."""
     pull = 300.0  # rad/s2
     times = np.arange(4.0)  # ms
     away = (times - turns_at) * 1e-3
