@@ -12,6 +12,8 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -35,6 +37,7 @@ from tests.virtual_benches import FLOW, serving
 
 SHORTEST_S = 1e-6  # between two polls: as fast as the line bears
 BARE_S = 10.0
+STARTS_S = 3.0  # until a process polls
 UNASKED = "frames"  # they have no time: where the machine halts, they are older than they seem
 KEPT = 200_000  # intervals of a line, of which the spread is told
 
@@ -69,10 +72,10 @@ def _serve(folder: str, ready, end) -> None:
         end.wait()
 
 
-def bare(ports: dict, seconds: float) -> dict[str, float]:
+def bare(ports: dict, seconds: float, names: Sequence[str] = ("rtu", "tcp")) -> dict[str, float]:
     """What pymodbus' client reads of the same registers, one line after the other [1/s]."""
     found = {}
-    for name in ("rtu", "tcp"):
+    for name in names:
         at = ports["lines"][name]
         client = Pymodbus(Place(at["port"]) if name == "rtu" else Place(tcp_port=at["tcp_port"]))
         start_s, polls = time.monotonic(), 0
@@ -84,15 +87,28 @@ def bare(ports: dict, seconds: float) -> dict[str, float]:
     return found
 
 
-def soak(ports: dict, seconds: float, folder: Path) -> tuple[dict[str, Seen], list[int], Path]:
-    """Poll all lines at once; what each gave, this process's memory each second [bytes], and the run."""
+def crowded(ports: dict, seconds: float, folder: Path) -> float:
+    """What pymodbus' client reads on TCP in a process of its own while ours poll the other lines [1/s].
+
+    One thread serves all of the virtual bench's lines: how much they cost a line is no matter of who polls it.
+    """
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        found = pool.submit(bare, ports, seconds, ("tcp",))
+        soak(ports, seconds + STARTS_S, folder, [name for name in LINES if name != "tcp"])
+        return found.result()["tcp"]
+
+
+def soak(
+    ports: dict, seconds: float, folder: Path, names: Sequence[str] = tuple(LINES)
+) -> tuple[dict[str, Seen], list[int], Path]:
+    """Poll lines at once; what each gave, this process's memory each second [bytes], and the run."""
     bench, clock = soak_bench(), Clock(ports["rate"], ports["clock_start_ns"])
     seen: dict[str, Seen] = defaultdict(Seen)
     writer = RunWriter.create(folder, start_of("zero"))
     recorder = Recorder(writer, lambda exchange: _counted(seen, exchange), Channels())
     recorder.start()
     workers = []
-    for name in LINES:
+    for name in names:
         table = bench.file.lines[name]
         line = line_of(name, table, port_for(ports, name, table, clock), clock)
         workers.append(Worker(line, {name: (bench.build(name), SHORTEST_S)}, recorder.put, recorder.note, clock))
@@ -165,12 +181,15 @@ def main() -> int:
         if not ours.poll(120.0):
             raise TimeoutError("the virtual bench did not start within two minutes")
         ports = ours.recv()
-        rates = bare(ports, min(BARE_S, seconds / 4.0))
+        peer_s = min(BARE_S, seconds / 4.0)
+        rates = bare(ports, peer_s)
+        beside = crowded(ports, peer_s, Path(folder) / "others")
         seen, memory, run = soak(ports, seconds, Path(folder) / "logs")
         end.set()
         bench.join(30.0)
         third = [f"{memory[i] / 1e6:.0f}" for i in (0, len(memory) // 3, 2 * len(memory) // 3, -1)]
         text = told(seen, rates, seconds)
+        text += f"\npymodbus on TCP, while ours poll the other lines: {beside:.0f} polls/s.\n"
         text += (
             f"\n{options.minutes:g} minutes. Memory after 1 s, a third, two thirds, at the end: {', '.join(third)} MB."
         )
