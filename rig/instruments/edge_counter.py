@@ -61,6 +61,7 @@ class EdgeCounter:
         self._tick_ns = 1000
         self._failed = 0
         self._capture_offset_ns: int | None = None  # of a capture: its times are the device's, shifted once
+        self._from: Mark | None = None  # the last edge before what is not yet in a reading
         self._reset()
 
     @property
@@ -140,7 +141,7 @@ class EdgeCounter:
         self._started = False
         self._counting = Counting(int(MOST_GAP_S * NS / self._tick_ns))
         self._clock = DeviceClock()
-        self._from: Mark | None = None  # the last edge before what is not yet in a reading
+        self._from = None
         self._quiet_since: int | None = None  # ticks of the last edge, or of the first frame
         self._arrival_ns = 0
         self._last_ns: int | None = None  # time of the newest reading

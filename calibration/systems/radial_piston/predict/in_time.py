@@ -69,11 +69,10 @@ class Plan:
 
     `parameters`, shape (26,): of the motor [SI].
     `readings`, shape (5,): `model.motor.Readings.vector`.
-    `time`, shape (k,): sample times, those of a steady part ahead among them [s].
-    `start`, shape (9 + 2 n,): state at the first of them.
+    `at`: when it is looked at.
+    `start`, shape (9 + 2 n,): state at the first of its times.
     `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
     `clock`: the recording's clock at time 0 of the run [s].
-    `begin`, `end`, shape (wanted,): where the mean of each begins and ends among the times.
     `lag_s`: the tachometer's own, as stated [s].
     `angle`, `set_at`: angle of the shaft [rad], and the time at which it has that [s].
     """
@@ -81,16 +80,18 @@ class Plan:
     parameters: np.ndarray
     readings: np.ndarray
     line: np.ndarray
-    time: np.ndarray
+    at: Sampled
     start: np.ndarray
     chosen: Chosen
     clock: float
-    wanted: slice
-    begin: np.ndarray
-    end: np.ndarray
     lag_s: float
     angle: float
     set_at: float
+
+    @property
+    def time(self) -> np.ndarray:
+        """Sample times, those of a steady part ahead among them [s], shape (k,)."""
+        return self.at.time
 
     @property
     def supply(self) -> tuple[Supply, ...]:
@@ -136,7 +137,8 @@ class Plan:
         lagged = effect_transient.lagged(mean, self.time, self.lag_s) if self.lag_s else mean
         lagged = effect_transient.read_with_lag(lagged, self.time, self.chosen)
         turned = np.append(0.0, np.cumsum(lagged[1:] * np.diff(self.time)))
-        found: np.ndarray = (turned[self.end] - turned[self.begin]) / (self.time[self.end] - self.time[self.begin])
+        begin, end = self.at.begin, self.at.end
+        found: np.ndarray = (turned[end] - turned[begin]) / (self.time[end] - self.time[begin])
         return found
 
     def angle_of(self, mean: np.ndarray) -> np.ndarray:
@@ -158,7 +160,8 @@ class Pulses:
 
     def __init__(self, planned: Plan, angles: int = 1) -> None:
         step = float(np.median(np.diff(planned.time)))
-        planned = replace(planned, time=np.append(planned.time, planned.time[-1] + step * np.arange(1, AFTER + 1)))
+        longer = np.append(planned.time, planned.time[-1] + step * np.arange(1, AFTER + 1))
+        planned = replace(planned, at=replace(planned.at, time=longer))
         pulse = pulse_angle(planned.parameters)
         starts = [planned.start.copy() for _ in range(angles)]
         for k, start in enumerate(starts):
@@ -241,8 +244,7 @@ def plan(
         # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
         start = rest_state(motor, turned if follows_angle(chosen) else turned % pulse_angle(parameters))
     start[OMEGA] = speed
-    of_samples = at.wanted, at.begin, at.end
-    return Plan(parameters, readings, line, at.time, start, chosen, run.start_s, *of_samples, lag_s, angle, set_at)
+    return Plan(parameters, readings, line, at, start, chosen, run.start_s, lag_s, angle, set_at)
 
 
 def _reached(
@@ -283,7 +285,7 @@ def swing(planned: Plan, run: RunInTime) -> np.ndarray:
     rms = np.sqrt(np.convolve(np.pad(np.maximum(within, np.abs(seen)) ** 2, BESIDE, "edge"), width, "valid"))
     out = np.zeros(run.size)
     per_radian = 2.0 * math.pi / pulse
-    out[planned.wanted] = (rms / (per_radian * np.maximum(np.abs(mean), SLOWEST)))[planned.end]
+    out[planned.at.wanted] = (rms / (per_radian * np.maximum(np.abs(mean), SLOWEST)))[planned.at.end]
     return out
 
 

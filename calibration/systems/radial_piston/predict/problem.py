@@ -271,7 +271,7 @@ class Problem(compared.Problem):
         pulses = None if smooth else self.pulses.get(run.file)
         true = planned.read(pulses.beside(planned) if pulses else planned.mean_speed())
         reading = np.full(run.size, np.nan)
-        reading[planned.wanted] = readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
+        reading[planned.at.wanted] = readings_of(chosen, "speed", true, unknown_state(true)) * (1.0 + scale) + offset
         return reading + wheel.added(run, split[2][run.file])
 
     def see_pulses(self, z: np.ndarray) -> list[np.ndarray]:
