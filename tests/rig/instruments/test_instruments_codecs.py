@@ -466,6 +466,19 @@ def test_an_exponent_may_have_three_digits():
     assert decode_text(b"-1.234E+002 rpm").value == pytest.approx(-123.4)
 
 
+@pytest.mark.parametrize("place", [0, 2])
+@pytest.mark.parametrize("bit", range(8))
+def test_a_digit_at_either_end_that_lost_a_bit_is_never_left_out(place, bit):
+    damaged = bytearray(b"313\r")
+    damaged[place] ^= 1 << bit
+    channels = {"speed_rpm": ascii.TextChannel(unit="rpm")}
+    try:
+        value = ascii.decode(bytes(damaged), re.compile(r"(?P<speed_rpm>[+-]?\d{1,7})"), channels)["speed_rpm"].value
+    except BadReplyError:
+        return
+    assert value >= 100.0
+
+
 GAUGE_AND_METER = {"pressure_kpa": ascii.TextChannel(unit="kPa"), "flow_l_min": ascii.TextChannel(unit="L/min")}
 
 
@@ -474,7 +487,7 @@ GAUGE_AND_METER = {"pressure_kpa": ascii.TextChannel(unit="kPa"), "flow_l_min": 
     [
         (r"(?P<pressure_kpa>\S+) (?P<flow_l_min>\S+)", "--.-- 72.5", "."),
         (r"p=(?P<pressure_kpa>[+-]?\d{3}\.\d) q=(?P<flow_l_min>[+-]?\d+\.\d)", "p=+---.- q=72.5\0", "."),
-        (r"(?P<flow_l_min>\d+\.\d) (?P<pressure_kpa>[+-]\d+\.\d)", "\x1372.5 ---.-\r", "."),
+        (r"(?P<flow_l_min>\d+\.\d) (?P<pressure_kpa>[+-]\d+\.\d)", "\x0272.5 ---.-\x03\r", "."),
         (r"(?P<flow_l_min>\d+,\d);(?P<pressure_kpa>\d+,\d+)", "72,5;---,--", ","),
     ],
 )
