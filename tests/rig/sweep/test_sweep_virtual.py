@@ -82,8 +82,9 @@ def test_the_gauge_is_polled_as_fast_as_its_line_bears_in_the_coast_down_and_not
     within = gauge[(gauge >= event["start_s"]) & (gauge <= event["end_s"])]
     before = gauge[(gauge >= event["start_s"] - seconds) & (gauge < event["start_s"])]
     assert event["pressure_hz"] == pytest.approx(within.size / seconds, rel=0.2)
-    # Medians: a few pauses of a busy machine are in both.
-    assert np.median(np.diff(within)) < 0.8 * np.median(np.diff(before))
+    # A busy machine pauses, but not all the time: seven polls in a row at 10 Hz take 0.6 s, whatever the first was late.
+    quickest_s, usual_s = (float(np.min(times[6:] - times[:-6])) for times in (within, before))
+    assert quickest_s < 0.45 < usual_s
     assert event["speed_hz"] > 0.0
     dac = samples[(samples["device"] == "dac") & samples["value"].notna()]["time_s"]
     assert ((dac > event["start_s"]) & (dac < event["end_s"])).any()
