@@ -33,7 +33,7 @@ WORD = re.compile(r"[A-Za-z][A-Za-z ._-]*")
 DASHES = re.compile(r"-{2,}([.,]-+)?|-[.,]-+")
 SWAPPED = str.maketrans(".,", ",.")
 LINE_ENDS = b"\r\n"
-# May be left around a line: ends of lines, of texts, fill. Not every control character: of a damaged 3 one bit makes 0x13.
+# What may be left around a line. Not every control character: one bit makes 0x13 of a 3.
 RIM = "\r\n\0\x02\x03"
 MARKS = {".": "point", ",": "comma"}
 SERIAL_GROUP = "serial"
