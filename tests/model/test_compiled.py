@@ -34,7 +34,9 @@ def inner(x):
 """
 
 
-@pytest.mark.parametrize("kept", ["beside the source", "in a folder of the user's"])
+@pytest.mark.parametrize(
+    "kept", ["beside the source", pytest.param("in a folder of the user's", marks=pytest.mark.long)]
+)
 def test_a_caller_is_compiled_anew_when_what_it_calls_or_a_constant_changes(tmp_path: Path, kept: str) -> None:
     shutil.copytree(ROOT / "configs", tmp_path / "configs", ignore=shutil.ignore_patterns("__pycache__"))
     package = tmp_path / "model"

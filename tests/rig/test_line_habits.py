@@ -73,6 +73,7 @@ def no_faults_left(served):
     served.ask(do="clear")
 
 
+@pytest.mark.long
 def test_a_meter_with_other_transaction_numbers_is_read_where_the_bench_file_says_so(served, acquiring):
     at_two_bar(served)
     served.ask(do="fault", kind="number_swapped", device="flowmeter")

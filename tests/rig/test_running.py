@@ -668,6 +668,7 @@ def test_a_vented_zero_is_held_against_the_model_by_its_speed_alone(bench, tmp_p
     assert (tmp_path / "out" / "replay.png").is_file()
 
 
+@pytest.mark.long
 def test_a_bench_without_a_flow_meter_is_swept_exported_and_compared_with_the_model(
     bench, tmp_path, spinbench_anywhere
 ):
@@ -717,6 +718,7 @@ def test_plateaus_at_one_level_and_a_flywheel_of_the_command_line_are_in_the_rec
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.long
 def test_a_log_that_cannot_be_written_ends_with_what_is_known_of_the_line(bench, tmp_path):
     """The kernel's limit on a file's size stands in for a full disk."""
     limit = 60_000

@@ -162,6 +162,7 @@ def test_a_fit_shows_itself_in_a_notebook(post):
     assert post.plot()._repr_png_().startswith(PNG)
 
 
+@pytest.mark.long
 def test_arviz_is_had_though_another_program_imports_it_at_the_same_moment(tmp_path):
     """The file in which it notes the day is taken away in between; the second time it is there."""
     program = """

@@ -29,7 +29,7 @@ from calibration.systems.radial_piston.base import base_of
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.places.forces import forces
 from calibration.systems.radial_piston.predict.carried import carried
-from calibration.systems.radial_piston.predict.in_time import Plan, Pulses
+from calibration.systems.radial_piston.predict.in_time import Plan, Pulses, Sampled
 from calibration.systems.radial_piston.predict.kinds import RUN, VENTED
 from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.systems.radial_piston.predict.supply import FORMS, WANDERS, Course
@@ -341,13 +341,14 @@ def test_the_mean_torque_follows_a_torque_that_is_fixed_to_the_shaft(tmp_path: P
     split = problem.split(np.zeros(len(problem.nuisances)))
     if kind == "start from rest":
         line = np.array([[0.0, 2e5, 1.0]])
-        plan = replace(problem.plan(0, split, {}), line=line, time=np.arange(0.0, 0.6, 0.005))
-        plan = replace(plan, start=rest_state(problem.motor, 0.1))
+        plan = problem.plan(0, split, {})
+        at = replace(plan.at, time=np.arange(0.0, 0.6, 0.005))
+        plan = replace(plan, line=line, at=at, start=rest_state(problem.motor, 0.1))
         plans = [replace(plan, chosen=chosen) for chosen in ({}, once)]
     else:
         plans = [problem.plan(0, split, chosen) for chosen in ({}, once)]
     mean, pulses = ([f(plan) for plan in plans] for f in (Plan.mean_speed, Plan.with_pulses))
-    count = 80 if kind == "start from rest" else plans[0].begin.size
+    count = 80 if kind == "start from rest" else plans[0].at.begin.size
     # Late in a coast-down it moves the phase of the pulses, which the mean torque does not have.
     by = [(found[1] - found[0])[-count:][: count // 2] for found in (mean, pulses)]
     assert np.max(np.abs(by[1])) > 0.2
@@ -672,7 +673,6 @@ def test_a_shaft_that_turns_back_has_pulses_all_the_same() -> None:
     time = np.linspace(0.0, 5.0, 101)
     places = np.arange(time.size - 1)
     motor = read_motor("ptm3600").vector()
-    planned = _TurnsBack(
-        motor, np.zeros(5), (), time, np.zeros(23), {}, 0.0, slice(0, 100), places, places + 1, 0.0, 0.0, 0.0
-    )
+    at = Sampled(slice(0, 100), time, places, places + 1, 0.0)
+    planned = _TurnsBack(motor, np.zeros(5), np.zeros((0, 3)), at, np.zeros(23), {}, 0.0, 0.0, 0.0, 0.0)
     assert np.all(np.isfinite(Pulses(planned).beside(planned)))
