@@ -117,7 +117,7 @@ def text(data: bytes) -> bool:
     with contextlib.suppress(BadReplyError):
         ascii.ends_with(b"\r\n", 64)(data)
     found = ascii.decode(data, _PATTERN, _MONARCH.channels)["speed_rpm"]
-    said = data.decode().strip(ascii.RIM).strip()
+    said = data.decode().strip("\r\n\0\x02\x03").strip()
     assert found.value == (float(said) if said.strip("+-.") else None), "another value"
     return True
 

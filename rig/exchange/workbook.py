@@ -169,8 +169,8 @@ def _grid(sheet: Xml.Element, shared: list[str]) -> list[list[str]]:
             formula = cell.find(_tag("f"))
             if formula is not None and cell.find(_tag("v")) is None:  # it was never calculated: refused as a number
                 value = f"={formula.text or ''}"
-            if cell.get("t") == "b":  # kept as 0 or 1
-                value = "TRUE" if value == "1" else "FALSE"
+            if cell.get("t") == "b":  # kept as 0 or 1; an empty one stays empty, and a formula a formula
+                value = {"0": "FALSE", "1": "TRUE"}.get(value, value)
             if index < MAX_SERIES and value:
                 cells += [""] * (index + 1 - len(cells))
                 cells[index] = shared[int(value)] if cell.get("t") == "s" else value

@@ -80,8 +80,7 @@ class Limits:
 
         Of a speed off the top of its scale the scale's end is judged: the rotor had that at least.
         """
-        is_above = reading.quality is Quality.OVER_RANGE and reading.censored >= 0
-        if not (reading.usable or is_above) or reading.value is None:
+        if not (reading.usable or _is_above(reading)) or reading.value is None:
             return True
         before, self._speed_before = self._speed_before, reading
         if before is None or before.value is None or reading.quality is Quality.MANUAL:
@@ -92,11 +91,11 @@ class Limits:
     def _beyond(reading: Reading, what: str, limit: float, unit: str, zero: float) -> str | None:
         """A value above the limit, or above its instrument's scale: then nobody knows how far."""
         if reading.value is None:
-            if reading.quality is not Quality.OVER_RANGE or reading.censored < 0:
+            if not _is_above(reading):
                 return None
             return f"{what} beyond the scale of {reading.name}, limit {limit:g} {unit}"
         value = reading.value + zero
-        if reading.quality is Quality.OVER_RANGE and reading.censored >= 0:
+        if _is_above(reading):
             return f"{what} beyond the scale of {reading.name}: {value:.6g} {unit} or more, limit {limit:g} {unit}"
         if reading.usable and value > limit:
             return f"{what} {value:.6g} {unit} ({reading.name}), limit {limit:g} {unit}"
@@ -116,3 +115,8 @@ class Limits:
             f"{what} signal lost: no usable reading of {channel} for {silence_s:.2f} s under pressure, limit "
             f"{self.longest_silence_s:g} s; {last}"
         )
+
+
+def _is_above(reading: Reading) -> bool:
+    """Whether it is off the top of its instrument's scale, as far as is told."""
+    return reading.quality is Quality.OVER_RANGE and reading.censored >= 0

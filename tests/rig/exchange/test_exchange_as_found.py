@@ -121,6 +121,7 @@ MERGED = '<mergeCells count="1"><mergeCell ref="A2:A3"/></mergeCells>'
     [
         (sheet('<c r="A3"><f>A2*1.1</f></c>'), "line 3, column 'P': '=A2*1.1' is not a number"),
         (sheet('<c r="A3" t="b"><v>1</v></c>'), "line 3, column 'P': 'TRUE' is not a number"),
+        (sheet('<c r="A3" t="b"><f>A2&gt;1</f></c>'), "line 3, column 'P': '=A2>1' is not a number"),
         (sheet('<c r="A3"/>', MERGED), "line 3, column 'P': 'merged with A2' is not a number"),
     ],
 )
@@ -133,6 +134,11 @@ def test_a_formula_that_gave_an_empty_text_is_an_empty_cell_and_a_heading_is_rea
     code, _, made = given(
         sheet('<c r="A3" t="str"><f>IF(1,"","")</f><v></v></c>'), reader="xlsx", more='sheet = "one"\n'
     )
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", ",450.0"])
+
+
+def test_a_yes_or_no_of_a_workbook_that_is_empty_is_an_empty_cell(given):
+    code, _, made = given(sheet('<c r="A3" t="b"/>'), reader="xlsx", more='sheet = "one"\n')
     assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", ",450.0"])
 
 
