@@ -150,7 +150,7 @@ def run_of(file: RecordingFile, recording: Recording, pulse_rad: float) -> RunIn
         time, begin, speed, row, scale = _by_pulses(time, begin, speed, row, scale, pulse_rad)
     elif tachometer.noise_sd:
         scale = np.hypot(scale, _asked_late(time, speed, tachometer) / tachometer.noise_sd)
-    used = _useful(speed, time, valve, from_rest)
+    used = _useful(speed, begin, time, valve, from_rest)
     over = float(time[used][-1]) if used.any() else -np.inf
     line = _line(clock, pressure, valve, noise, over)
     return RunInTime(
@@ -213,7 +213,9 @@ def _by_pulses(
     return time[ends], begin[starts], mean, row[ends], scale[ends] / np.sqrt(count)
 
 
-def _useful(speed: np.ndarray, time: np.ndarray, valve: Sequence[Supply], from_rest: bool) -> np.ndarray:
+def _useful(
+    speed: np.ndarray, begin: np.ndarray, time: np.ndarray, valve: Sequence[Supply], from_rest: bool
+) -> np.ndarray:
     used = np.ones(speed.size, dtype=bool)
     used[:1] = False  # in a log that was cut the first is no mean of anything that is there
     if not speed.size:
@@ -222,8 +224,9 @@ def _useful(speed: np.ndarray, time: np.ndarray, valve: Sequence[Supply], from_r
         opened = next((span.start_s for span in valve if span.is_open), time[0])
         used &= (time > opened + 1e-9) & (np.append(0.0, speed[:-1]) > 0.0)  # no mean over a rest
         turning = np.flatnonzero(used & (speed > RISEN_SHARE * np.max(speed, where=used, initial=0.0)))
-        if turning.size:
-            used[: turning[0]] = False
+        if turning.size:  # means over a window that spans several rows are as high before the rotor is as fast
+            first = turning[0]
+            used &= begin >= max(begin[first], min(time[first - 1], 0.5 * (begin[first] + time[first]))) - 1e-9
         closed = valve[-1].start_s if not valve[-1].is_open else np.inf
         slow = np.flatnonzero((time > closed) & (speed < max(REST_SHARE * float(speed.max()), REST_AT)))
         if slow.size:

@@ -31,6 +31,7 @@ PLACES = 8  # in a pulse, even
 ANGLES = 2  # within a pulse, over which is averaged what the pulses do where nobody knows how the shaft stood
 CAUGHT = 0.5  # share of the way by the mean torque up to which a rotor has been caught at a dead point
 LAST_STEP_S = 1e-3  # of the time from rest, over which the speed that is reached is taken
+LEADS = 16  # speeds on the way from rest, for a tachometer that lags
 AFTER = 8  # samples beyond the last, for runs that turn a little farther
 FINER = 4  # samples in one, where the pulses are followed
 NANOSECONDS = 9  # digits of a time
@@ -75,6 +76,8 @@ class Plan:
     `clock`: the recording's clock at time 0 of the run [s].
     `lag_s`: the tachometer's own, as stated [s].
     `angle`, `set_at`: angle of the shaft [rad], and the time at which it has that [s].
+    `lead_time`, `lead`, shape (l,): of a start from rest, times before the first of its times [s], and the mean speeds
+        since the time before [rad/s].
     """
 
     parameters: np.ndarray
@@ -87,6 +90,8 @@ class Plan:
     lag_s: float
     angle: float
     set_at: float
+    lead_time: np.ndarray
+    lead: np.ndarray
 
     @property
     def time(self) -> np.ndarray:
@@ -134,8 +139,10 @@ class Plan:
 
         `mean`, shape (k,): since the time before [rad/s].
         """
-        lagged = effect_transient.lagged(mean, self.time, self.lag_s) if self.lag_s else mean
-        lagged = effect_transient.read_with_lag(lagged, self.time, self.chosen)
+        time, lagged = np.append(self.lead_time, self.time), np.append(self.lead, mean)
+        if self.lag_s:
+            lagged = effect_transient.lagged(lagged, time, self.lag_s)
+        lagged = effect_transient.read_with_lag(lagged, time, self.chosen)[self.lead.size :]
         turned = np.append(0.0, np.cumsum(lagged[1:] * np.diff(self.time)))
         begin, end = self.at.begin, self.at.end
         found: np.ndarray = (turned[end] - turned[begin]) / (self.time[end] - self.time[begin])
@@ -232,9 +239,12 @@ def plan(
     A start from rest begins where it is compared from, with the speed that the mean torque has given it by then.
     """
     readings = motor.readings.vector()
+    lead_time = lead = np.zeros(0)
     if run.from_rest:
         set_at = at.first
-        speed = _reached(parameters, readings, line, set_at, chosen, run.start_s) * max(1.0 + begun, 0.0)
+        way = _from_rest(parameters, readings, line, set_at, chosen, run.start_s)
+        lead_time, lead = way[0][:-1], way[1][:-1] * max(1.0 + begun, 0.0)
+        speed = float(way[1][-1]) * max(1.0 + begun, 0.0)
         start = rest_state(motor, angle)
     else:
         speed = max(_steady_speed(motor, parameters, readings, float(line[0, 1]), chosen, run.start_s), SLOWEST_START)
@@ -244,18 +254,21 @@ def plan(
         # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
         start = rest_state(motor, turned if follows_angle(chosen) else turned % pulse_angle(parameters))
     start[OMEGA] = speed
-    return Plan(parameters, readings, line, at, start, chosen, run.start_s, lag_s, angle, set_at)
+    return Plan(parameters, readings, line, at, start, chosen, run.start_s, lag_s, angle, set_at, lead_time, lead)
 
 
-def _reached(
+def _from_rest(
     parameters: np.ndarray, readings: np.ndarray, line: np.ndarray, until: float, chosen: Chosen, clock: float
-) -> float:
-    """Speed that the mean torque has given a rotor from rest by a time [rad/s]."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times from when the line opens [s], and the mean speeds that the mean torque has given the rotor by then [rad/s].
+
+    The last is that at `until`, 0 where the line opens no sooner.
+    """
     begins = float(next(iter(line[line[:, 2] > 0.0, 0]), until))
     if begins >= until - LAST_STEP_S:
-        return 0.0
-    time = np.array([begins, until - LAST_STEP_S, until])
-    return float(averaged.speeds(parameters, readings, line, time, 0.0, chosen, clock)[-1])
+        return np.array([until]), np.zeros(1)
+    time = np.append(np.linspace(begins, until - LAST_STEP_S, LEADS), until)
+    return time, averaged.speeds(parameters, readings, line, time, 0.0, chosen, clock)
 
 
 def _steady_speed(
