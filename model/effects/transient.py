@@ -297,14 +297,24 @@ def read_with_lag(mean: np.ndarray, time: np.ndarray, chosen: laws.Chosen) -> np
 
 @njit(cache=True, nogil=True)
 def lagged(mean: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
-    """Speeds behind a first-order lag [rad/s], shape (n,).
+    """Mean speeds behind a first-order lag [rad/s], shape (n,).
 
-    `mean`, shape (n,): mean speed since the sample before [rad/s].
+    Between two times the speed goes in a straight line, through its mean and as steeply as the means before and after
+    say; at the first time the lag has settled.
+
+    `mean`, shape (n,): mean speed since the time before [rad/s].
     `tau`: the lag's time constant, above 0 [s].
     """
     found = mean.copy()
+    reached = mean[0]
     for k in range(1, mean.size):
-        found[k] = mean[k] + (found[k - 1] - mean[k]) * np.exp(-(time[k] - time[k - 1]) / tau)
+        h = time[k] - time[k - 1]
+        low, high = max(k - 1, 1), min(k + 1, mean.size - 1)
+        apart = 0.5 * (time[high] + time[high - 1] - time[low] - time[low - 1])
+        slope = (mean[high] - mean[low]) / apart if high > low else 0.0
+        begins, left = mean[k] - slope * (0.5 * h + tau), np.exp(-h / tau)
+        found[k] = mean[k] - slope * tau + (reached - begins) * tau / h * (1.0 - left)
+        reached = begins + slope * h + (reached - begins) * left
     return found
 
 

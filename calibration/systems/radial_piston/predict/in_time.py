@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -31,6 +32,7 @@ PLACES = 8  # in a pulse, even
 ANGLES = 2  # within a pulse, over which is averaged what the pulses do where nobody knows how the shaft stood
 CAUGHT = 0.5  # share of the way by the mean torque up to which a rotor has been caught at a dead point
 LAST_STEP_S = 1e-3  # of the time from rest, over which the speed that is reached is taken
+BEGUN, BEHIND = "begun", "behind"  # unknowns of a start from rest
 LEADS = 16  # speeds on the way from rest, for a tachometer that lags
 AFTER = 8  # samples beyond the last, for runs that turn a little farther
 FINER = 4  # samples in one, where the pulses are followed
@@ -75,6 +77,7 @@ class Plan:
     `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
     `clock`: the recording's clock at time 0 of the run [s].
     `lag_s`: the tachometer's own, as stated [s].
+    `behind`: share by which it shows more, where a start from rest is compared from, than the mean torque has it [-].
     `angle`, `set_at`: angle of the shaft [rad], and the time at which it has that [s].
     `lead_time`, `lead`, shape (l,): of a start from rest, times before the first of its times [s], and the mean speeds
         since the time before [rad/s].
@@ -88,6 +91,7 @@ class Plan:
     chosen: Chosen
     clock: float
     lag_s: float
+    behind: float
     angle: float
     set_at: float
     lead_time: np.ndarray
@@ -139,10 +143,12 @@ class Plan:
 
         `mean`, shape (k,): since the time before [rad/s].
         """
-        time, lagged = np.append(self.lead_time, self.time), np.append(self.lead, mean)
+        time, lagged, n = np.append(self.lead_time, self.time), np.append(self.lead, mean), self.lead.size
         if self.lag_s:
             lagged = effect_transient.lagged(lagged, time, self.lag_s)
-        lagged = effect_transient.read_with_lag(lagged, time, self.chosen)[self.lead.size :]
+            left = np.exp((self.time[0] - self.time) / self.lag_s)
+            lagged[n + 1 :] += self.behind * lagged[n] * self.lag_s * -np.diff(left) / np.diff(self.time)
+        lagged = effect_transient.read_with_lag(lagged, time, self.chosen)[n:]
         turned = np.append(0.0, np.cumsum(lagged[1:] * np.diff(self.time)))
         begin, end = self.at.begin, self.at.end
         found: np.ndarray = (turned[end] - turned[begin]) / (self.time[end] - self.time[begin])
@@ -224,7 +230,7 @@ def plan(
     line: np.ndarray,
     angle: float,
     chosen: Chosen,
-    begun: float = 0.0,
+    own: Mapping[str, float] = MappingProxyType({}),
     lag_s: float = 0.0,
 ) -> Plan:
     """Plan a run.
@@ -234,7 +240,8 @@ def plan(
     `parameters`, shape (26,): of the motor [SI].
     `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
     `angle`: of the shaft where the run begins to be compared, or when its valve is moved [rad].
-    `begun`: share by which a start from rest is faster there than by the mean torque [-].
+    `own`: of a start from rest, the shares by which it is faster there than by the mean torque (BEGUN), and by which
+        the tachometer shows more (BEHIND) [-].
     `lag_s`: the tachometer's own [s].
     A start from rest begins where it is compared from, with the speed that the mean torque has given it by then.
     """
@@ -242,9 +249,11 @@ def plan(
     lead_time = lead = np.zeros(0)
     if run.from_rest:
         set_at = at.first
-        way = _from_rest(parameters, readings, line, set_at, chosen, run.start_s)
-        lead_time, lead = way[0][:-1], way[1][:-1] * max(1.0 + begun, 0.0)
-        speed = float(way[1][-1]) * max(1.0 + begun, 0.0)
+        lead_time, lead = _from_rest(parameters, readings, line, set_at, chosen, run.start_s)
+        lead = np.maximum(
+            lead + own.get(BEGUN, 0.0) * lead[-1], 0.0
+        )  # what broke away late has gathered as much less all the way
+        speed, lead_time, lead = float(lead[-1]), lead_time[:-1], lead[:-1]
         start = rest_state(motor, angle)
     else:
         speed = max(_steady_speed(motor, parameters, readings, float(line[0, 1]), chosen, run.start_s), SLOWEST_START)
@@ -254,7 +263,10 @@ def plan(
         # Within one pulse, but where something follows the angle through a whole turn: then it may not jump.
         start = rest_state(motor, turned if follows_angle(chosen) else turned % pulse_angle(parameters))
     start[OMEGA] = speed
-    return Plan(parameters, readings, line, at, start, chosen, run.start_s, lag_s, angle, set_at, lead_time, lead)
+    behind = max(own.get(BEHIND, 0.0), -1.0)
+    return Plan(
+        parameters, readings, line, at, start, chosen, run.start_s, lag_s, behind, angle, set_at, lead_time, lead
+    )
 
 
 def _from_rest(

@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration.data.blocks import Blocks
 from calibration.systems.radial_piston.predict import wheel
+from calibration.systems.radial_piston.predict.in_time import BEGUN, BEHIND
 from calibration.systems.radial_piston.predict.supply import line_unknowns
 from calibration.unknowns.priors import Error, OfInstrument, OfRun, Unknown, unknown_of_run, unknowns
 from model.motor import QUANTITIES, Motor
@@ -18,7 +19,7 @@ from rig.recording.columns import OF_CHANNEL
 TURN_SD = 2.0 * math.pi / math.sqrt(12.0)  # of an angle that may be anywhere in a turn [rad]
 BEGUN_SD = 0.1  # share by which a start from rest may be off where it is compared from: how it broke away nobody knows
 VENTED = "vented_span_share"  # of a gauge's span error that shows at ambient pressure
-BEGUN, TURN = "begun", "turn"  # of a run
+TURN = "turn"  # of a run
 MOTOR = "motor"
 
 # The motor's parameters, each channel's offset and scale, and by file what is a run's own.
@@ -62,6 +63,8 @@ def nuisances_of(motor: Motor, recording: Recording, blocks: Blocks, any_turn: b
         if run.from_rest:
             sd = math.hypot(BEGUN_SD, run.stood)  # once caught, it may have broken away at any time since
             found.append(unknown_of_run(run.file, BEGUN, "-", "normal", 0.0, sd, "nobody set it"))
+            if recording.channels["speed_rpm"].lag_s:
+                found.append(unknown_of_run(run.file, BEHIND, "-", "normal", 0.0, sd, "nor how suddenly"))
     # A torque that follows the shaft is told from where that stood in the first run.
     for run in blocks.runs[0 if any_turn else 1 :]:
         found.append(unknown_of_run(run.file, TURN, "rad", "normal", 0.0, TURN_SD, "nobody noted it"))

@@ -21,7 +21,6 @@ from calibration.data.runs import RunInTime
 from calibration.likelihood import compared
 from calibration.systems.radial_piston.predict import gauge, in_time, wheel
 from calibration.systems.radial_piston.predict.nuisances import (
-    BEGUN,
     MOTOR,
     TURN,
     VENTED,
@@ -261,9 +260,7 @@ class Problem(compared.Problem):
             turn_on = effects()[name].turned
             if turn_on is not None:
                 turned[name] = dict(turn_on(chosen[name], own[TURN]))
-        return in_time.plan(
-            self.motor, run, self._sampled[i], parameters, line, 0.0, turned, own.get(BEGUN, 0.0), self._lag_s
-        )
+        return in_time.plan(self.motor, run, self._sampled[i], parameters, line, 0.0, turned, own, self._lag_s)
 
     def _read_speed(self, i: int, split: Split, chosen: Chosen, smooth: bool) -> np.ndarray:
         run, (offset, scale) = self.blocks.runs[i], split[1]["speed"]
