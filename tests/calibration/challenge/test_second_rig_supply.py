@@ -26,8 +26,10 @@ from calibration.challenge.second_rig.separable import Seen
 from calibration.challenge.second_rig.signatures import LINE, Whitened, asked_of
 from calibration.challenge.second_rig.supply import line
 from calibration.challenge.second_rig.supply.line import Supply
-from calibration.diagnosis.mismatch import detect_mismatch
+from calibration.diagnosis.mismatch import detect_mismatch, fit_base
 from calibration.diagnosis.steps.detect import MISMATCH_P
+from calibration.systems.radial_piston import noise
+from calibration.systems.radial_piston.predict.kinds import RUN
 from rig.recording import read_recording
 
 P = slots.vector()
@@ -541,3 +543,19 @@ class TestSeparability:
         moved = moved_supply(SLOW, np.log([2.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
         assert next(iter(LINE_SDS)) == "volume_m3"
         assert moved == replace(SLOW, volume_m3=2.0 * SLOW.volume_m3)
+
+
+# A window that spans five rows, where the rotor was caught; a lag, and a sudden start; a lag, and samples that are
+# taken together; a lag as long as the samples, of a rotor that was caught.
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [850044, 850057, 860012, 860016])
+def test_without_noise_the_base_model_follows_the_runs_of_another_simulator(seed, tmp_path, monkeypatch):
+    monkeypatch.setattr(noise.Noise, "spread", np.full(5, 1e-4))  # misfits may not pass for noise
+    truth = draw("development", seed, "follow-ups")
+    nothing = {"category": "none", "ids": [], "effects": [], "sizes": {}, "place": {}, "near_nuisance": False}
+    sensors = {**truth.sensors, "noise_scale": 1e-3, "correlation": 0.0, "tails": 0.0}
+    make_recording(replace(truth, **nothing, total_sds={}, with_transients=True, sensors=sensors), tmp_path / "run")
+    comparison, base = fit_base(read_recording(tmp_path / "run"), lambda _: None)
+    in_runs = comparison.kind >= RUN
+    assert np.count_nonzero(in_runs) > 25
+    assert float(np.sum(base.r[in_runs] ** 2)) < 0.3 * np.count_nonzero(in_runs)

@@ -674,5 +674,8 @@ def test_a_shaft_that_turns_back_has_pulses_all_the_same() -> None:
     places = np.arange(time.size - 1)
     motor = read_motor("ptm3600").vector()
     at = Sampled(slice(0, 100), time, places, places + 1, 0.0)
-    planned = _TurnsBack(motor, np.zeros(5), np.zeros((0, 3)), at, np.zeros(23), {}, 0.0, 0.0, 0.0, 0.0)
+    nothing = np.zeros(0)
+    planned = _TurnsBack(
+        motor, np.zeros(5), np.zeros((0, 3)), at, np.zeros(23), {}, 0.0, 0.0, 0.0, 0.0, 0.0, nothing, nothing
+    )
     assert np.all(np.isfinite(Pulses(planned).beside(planned)))

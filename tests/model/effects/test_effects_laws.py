@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from model import layout as at
 from model.effects import effects, laws
@@ -292,6 +293,24 @@ def test_a_tachometer_s_lag_delays_a_ramp_by_its_time_constant() -> None:
     time = np.arange(0.0, 2.0, 0.001)
     lagged = effect_transient.read_with_lag(30.0 * time, time, {"speed_lag": {"time_s": 0.05}})
     assert lagged[-1] == pytest.approx(30.0 * (time[-1] - 0.05), rel=1e-3)
+
+
+@pytest.mark.parametrize("tau", [0.003, 0.02, 0.2])
+def test_means_behind_a_lag_are_those_of_what_it_shows_however_far_apart_they_are(tau: float) -> None:
+    step = 1e-5
+    fine = np.arange(100_001) * step
+    true = 300.0 * (1.0 - np.exp(-fine / 0.3))
+    middle, left = 0.5 * (true[1:] + true[:-1]), np.exp(-step / tau)
+    shown = np.append(0.0, lfilter([1.0 - left], [1.0, -left], middle))
+    time = np.linspace(0.0, 1.0, 51)
+
+    def means(speed: np.ndarray) -> np.ndarray:
+        turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step))
+        return np.append(speed[0], np.diff(np.interp(time, fine, turned)) / np.diff(time))
+
+    found = effect_transient.lagged(means(true), time, tau)
+    assert np.max(np.abs(means(shown) - means(true))) > 2.0
+    assert found == pytest.approx(means(shown), abs=0.1)
 
 
 def test_a_tachometer_s_lag_leaves_the_rotor_and_a_steady_speed_alone() -> None:
