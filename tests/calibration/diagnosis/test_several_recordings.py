@@ -71,6 +71,7 @@ def two_days(tmp_path_factory: pytest.TempPathFactory, spinbench_anywhere) -> Pa
     return folder
 
 
+@pytest.mark.long
 def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path) -> None:
     both = json.loads((two_days / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     check(both)
@@ -82,6 +83,7 @@ def test_two_days_together_know_f_overall_better_than_each_alone(two_days: Path)
     assert {one["file"] for one in both["files"]} == {"first/sweep.csv", "second/sweep.csv"}
 
 
+@pytest.mark.long
 def test_the_command_writes_a_page_for_each_of_two_days(two_days: Path) -> None:
     for name in ("first", "second"):
         assert name in (two_days / "out" / f"report_{name}.html").read_text(encoding="utf-8")
@@ -89,6 +91,7 @@ def test_the_command_writes_a_page_for_each_of_two_days(two_days: Path) -> None:
     assert (two_days / "out" / "report.html").read_bytes() == longer
 
 
+@pytest.mark.long
 def test_the_report_of_two_days_leads_to_the_page_of_each(two_days: Path) -> None:
     path = browser.installed()
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -298,6 +301,7 @@ def test_a_run_beside_its_own_export_is_refused(tmp_path: Path, spinbench_here) 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_run_is_not_predicted_from_several_recordings_of_different_days(two_days: Path, spinbench_here) -> None:
     recordings.sweep(two_days / "unseen", 9, {})
     done = spinbench_here("diagnose", "first", "second", "--hold-out", "unseen", cwd=two_days)
