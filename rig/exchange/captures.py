@@ -9,13 +9,13 @@ import numpy as np
 
 from rig.exchange.figures import Figures
 from rig.readings import NS
-from rig.recording import Column, RecordingFile
+from rig.recording import DOWN_TO, UP_TO, Column, RecordingFile
 from rig.recording.columns import PRESSURE
-from rig.runlog.phases import Phase, Series, captures, series
+from rig.runlog.phases import Phase, Series, captures, quantity_channels, series
 from rig.runlog.reader import Run
 from rig.sweep.judge import VENTED_WITHIN_BAR
 
-GAP_S, GAP = 0.5, 5.0  # of the pressure in a capture, told when it is longer than both: seconds, usual distances
+GAP_S, GAP = 0.5, 5.0  # without a pressure in a capture, told when longer than both: seconds, usual distances
 SLOWER, LATE_S = 4.0, 0.05  # times the usual exchange, and no less, from which on a reply came late
 UNASKED = 2.5  # times the usual pause between two readings, after which a held value may have been shown for long
 BEFORE = 4.0  # updates of a gauge before a capture, in which it has most likely shown another value
@@ -130,15 +130,51 @@ def _remarks(run: Run, phase: Phase, read: dict[str, Series]) -> list[str]:
     if column is None:
         return found
     pressure = read[column]
-    times = np.concatenate(([phase.start_s], pressure.time_ns / NS, [phase.end_s]))
-    longest = int(np.argmax(np.diff(times)))
-    if times[longest + 1] - times[longest] > max(GAP_S, GAP * float(np.median(np.diff(times)))):
-        ends = (f"{when - phase.start_s:.2f}" for when in times[longest : longest + 2])
+    gap = _gap(phase, pressure, read.get("speed_rpm"), _usual_s(run, column))
+    if gap is not None:
+        ends = (f"{when - phase.start_s:.2f}" for when in gap)
         found.append(f"no reading of the pressure from {' to '.join(ends)} s; the gauge was not read there")
     room = 0.0 if column.endswith("_gauge") else run.start.ambient.pressure_bar_abs
     if phase.kind == "coast-down" and room is not None and pressure.value[-1] - room > VENTED_WITHIN_BAR:
         found.append(f"ends before the line is vented: the gauge showed {pressure.value[-1]:.3f} bar last")
     return found
+
+
+def _usual_s(run: Run, column: str) -> float:
+    """How long a gauge that is read as its bench file says gives no new value [s]; infinite where that is not known."""
+    channel = quantity_channels(run)[column]
+    device = run.start.devices.get(channel.partition(".")[0])
+    period_s = None if device is None else device.period_s
+    return float("inf") if period_s is None else max(period_s, _update_s(run, channel))
+
+
+def _gap(phase: Phase, pressure: Series, speed: Series | None, usual_s: float) -> tuple[float, float] | None:
+    """The longest time without a reading of the pressure, from and to [s]; None where it takes nothing away.
+
+    A gauge that was hardly read has long distances between all its readings: its own period says that too. However
+    short it is, a gap that holds the whole change of the speed is told.
+    """
+    times = np.concatenate(([phase.start_s], pressure.time_ns / NS, [phase.end_s]))
+    distances = np.diff(times)
+    longest = int(np.argmax(distances))
+    if distances[longest] > max(GAP_S, GAP * min(float(np.median(distances)), usual_s)):
+        return times[longest], times[longest + 1]
+    over_s = _change_over_s(phase, speed)
+    if phase.event_s is None or over_s is None:
+        return None
+    before = int(np.searchsorted(times, phase.event_s, side="left")) - 1
+    return (times[before], times[before + 1]) if before >= 0 and times[before + 1] > over_s else None
+
+
+def _change_over_s(phase: Phase, speed: Series | None) -> float | None:
+    """When the rotor has lost, or gained, most of its speed [s]; None where the readings do not show it."""
+    if speed is None or phase.event_s is None or not speed.value.size:
+        return None
+    after = speed.time_ns >= round(phase.event_s * NS)
+    fastest = float(np.max(speed.value))
+    is_down = phase.kind == "coast-down"
+    there = after & ((speed.value <= DOWN_TO * fastest) if is_down else (speed.value >= UP_TO * fastest))
+    return float(speed.time_ns[there][0]) / NS if fastest > 0.0 and there.any() else None
 
 
 def _transient(name: str, phase: Phase, read: dict[str, Series], figures: Figures) -> RecordingFile:

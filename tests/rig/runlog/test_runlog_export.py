@@ -319,6 +319,26 @@ def test_what_is_missing_in_a_capture_is_in_the_notes(tmp_path, which, changes, 
     assert [file.kind for file in read_recording(tmp_path / "recording").files] == ["transient"]
 
 
+@pytest.mark.parametrize(
+    ("read_s", "words"),
+    [
+        ((0.0, 1.4), "no reading of the pressure from 0.00 to 1.40 s"),
+        ((0.0, 0.1, 0.2, 0.3, 0.4, 0.85, 1.0, 1.1, 1.2, 1.3, 1.4), "no reading of the pressure from 0.40 to 0.85 s"),
+    ],
+)
+def test_a_gauge_that_was_not_read_while_the_rotor_slowed_is_in_the_notes(tmp_path, read_s, words):
+    """However seldom it was read before and after."""
+    gauge = start_of().devices["gauge"].model_copy(update={"period_s": 0.1})
+
+    def fill(bench):
+        for moment in read_s:
+            bench.writer.exchange(poll("gauge", {PRESSURE: 2.0 if moment <= 0.5 else 1.013}, round(moment * NS)))
+        bench.capture("coast-down", gauge_until=0)
+
+    run = written(tmp_path, fill, kind="coast-down", devices=start_of().devices | {"gauge": gauge})
+    assert any(note.startswith(f"coast_down.csv: {words}") for note in recording_of(run).notes)
+
+
 def test_a_whole_capture_needs_no_note(exported):
     assert not any(note.startswith(("spin_up", "coast_down")) for note in exported[1].notes)
 
