@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,8 +17,7 @@ from typing import Any
 
 from configs.units import BAR
 from rig.acquisition import Acquisition, RecorderError
-from rig.acquisition.opening import port_of
-from rig.bench.bench import Bench, LineTable, bench_path, read_bench
+from rig.bench.bench import Bench, bench_path, read_bench
 from rig.by_hand.by_hand import is_manual
 from rig.by_hand.conversation import Conversation, StoppedError, ValveHand
 from rig.by_hand.manual import ManualSweep
@@ -32,10 +31,11 @@ from rig.interlock.limits import Limits
 from rig.interlock.stop import Stop
 from rig.interlock.watchdog import Plan as WatchdogPlan
 from rig.interlock.watchdog import Watchdog
-from rig.lines import LineError, Port
+from rig.lines import LineError
 from rig.lines.keyboard import KeyboardPort
 from rig.plateaus.plateau import Plateau
 from rig.readings import NS
+from rig.run.place import Place, Waiting, no_words, place_of
 from rig.run.terminal import why_failed
 from rig.runlog import Circumstances, RunError, RunWriter, StartRecord, start_record
 from rig.runlog.folder import END, WATCHDOG
@@ -72,6 +72,7 @@ class Wanted:
     `server`: module and options of the process that serves a virtual bench, see `rig.virtual.launch`; its own when left
         out.
     `added_inertia_kg_m2`: of a flywheel on the shaft; the file's when left out.
+    `waiting`: shows what is being done before the run begins.
     `ask`: puts a prompt about the room to the person; None when nobody is there.
     `seal_before`: that of the run before, as its start record has it; None where it does not say.
     `beside`: gives the context in which the course is gone through, see `Beside`; it ends before the run is sealed.
@@ -89,46 +90,9 @@ class Wanted:
     server: tuple[str, ...] | None = None
     added_inertia_kg_m2: float | None = None
     progress: Progress = field(default_factory=Silent)
+    waiting: Waiting = no_words
     ask: Ask | None = None
     beside: Beside = alone
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a bench is: its clock, its ports, and what a watchdog has to know of a virtual one's.
-
-    `seal`: SHA-256 of what the bench conceals; empty where it conceals nothing.
-    """
-
-    clock: Clock
-    ports: Callable[[str, LineTable, Clock], Port]
-    virtual: dict[str, Any] | None
-    seal: str = ""
-
-
-@contextlib.contextmanager
-def place_of(
-    bench: Bench,
-    path: Path,
-    rate: float | None = None,
-    server: tuple[str, ...] | None = None,
-    added_inertia_kg_m2: float | None = None,
-) -> Iterator[Place]:
-    """The bench as it stands, or a virtual one that is started and ended here.
-
-    `rate`: seconds of a virtual bench in one of the wall [-]; the file's when left out.
-    `server`: module and options of the process that serves a virtual bench; its own when left out.
-    `added_inertia_kg_m2`: of a flywheel on the shaft of a virtual bench; the file's when left out.
-    Raises VirtualBenchError when a virtual bench does not start.
-    """
-    if bench.file.virtual is None:
-        yield Place(Clock(), port_of, None)
-        return
-    from rig.virtual.launch import SERVER, launch
-
-    flywheel = () if added_inertia_kg_m2 is None else ("--added-inertia", str(added_inertia_kg_m2))
-    with launch(path, rate, server=(*(server or SERVER), *flywheel)) as virtual:
-        yield Place(virtual.clock, virtual.port_for, virtual.ports["lines"], virtual.ports.get("seal", ""))
 
 
 Plan = Callable[[Bench, Ambient], tuple[Course, list[str]]]
@@ -151,7 +115,7 @@ def take(path: Path, given: Given, plan: Plan, wanted: Wanted) -> tuple[Path, Ou
     ambient = None if by_hand else at_start(bench, given, wanted.ask)
     with (
         Stop(_tell_stop) as stop,
-        place_of(bench, path, wanted.rate, wanted.server, wanted.added_inertia_kg_m2) as place,
+        place_of(bench, path, wanted.rate, wanted.server, wanted.added_inertia_kg_m2, wanted.waiting) as place,
     ):
         refuse_another_seal(wanted.parent, wanted.seal_before, place.seal)
         conversation = None
@@ -206,8 +170,10 @@ class _Run:
         """Identify, make the run, go through the course, seal."""
         # Before anything is under way: right after an installation the solvers are compiled here. A watchdog that was
         # there by then would take a long compilation for a sweep that hangs.
-        guard, limits = guard_of(self.bench, self.ambient), self._limits()
-        self.acquisition.connect()
+        with self.wanted.waiting("computing what the motor can do"):
+            guard, limits = guard_of(self.bench, self.ambient), self._limits()
+        with self.wanted.waiting("looking for the instruments"):
+            self.acquisition.connect()
         writer = RunWriter.create(self.wanted.root, self._start(), self.wanted.wire)
         begin_ns = self.place.clock.now_ns()
         outcome = Outcome("failed", "the program ended", False, [], [])

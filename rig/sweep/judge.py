@@ -95,6 +95,20 @@ def none_turns(plateaus: Sequence[Plateau]) -> str:
     return "no plateau shows the rotor turning; look whether it turns, and whether the tachometer sees it"
 
 
+def unusable(plateaus: Sequence[Plateau]) -> list[Plateau]:
+    """Plateaus that had not settled, or without a reading of pressure or speed."""
+    means = [[plateau.means[role] for role in ("pressure", "speed") if role in plateau.means] for plateau in plateaus]
+    return [one for one, its in zip(plateaus, means, strict=True) if not (one.settled and all(mean.n for mean in its))]
+
+
+def lost(plateaus: Sequence[Plateau]) -> str:
+    """How many plateaus cannot be used; empty when all can."""
+    count = len(unusable(plateaus))
+    why = "it had" if count == 1 else "they had"
+    told = f"{count} of {len(plateaus)} plateaus cannot be used: {why} not settled, or pressure or speed was not read"
+    return told if count else ""
+
+
 def hanging(view: View, start_ns: int, end_ns: int) -> str:
     """That the speed is one number between two times in which the rotor came to rest; empty when it is not."""
     read = view.window("speed", start_ns, end_ns)

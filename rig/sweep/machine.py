@@ -195,9 +195,9 @@ class SweepMachine:
         if not self._tasks and self._lacking and (not self._made or judge.not_reading(view)):
             return self.fail(now_ns, self._lacking)
         if not self._tasks:
-            still = judge.none_turns(self.plateaus)
-            self._remarks += [still] if still else []
-            warned = [Say(still, warning=True)] if still else []
+            said = [one for one in (judge.lost(self.plateaus), judge.none_turns(self.plateaus)) if one]
+            self._remarks += said
+            warned = [Say(text, warning=True) for text in said]
             return [*warned, *self._release(), *self._enter(State.VENT, now_ns)]
         task = self._tasks.popleft()
         verdict = self._verdict(task.level_bar_abs)

@@ -19,7 +19,7 @@ from rig.plateaus.plateau import Plateau
 from rig.readings import NS, Event, Reading
 from rig.runlog import columns_of
 from rig.runlog.schema import CAPTURE, ZERO, ending
-from rig.sweep.course import Course
+from rig.sweep.course import Course, State
 from rig.sweep.hooks import Hooks
 from rig.sweep.machine import SweepMachine
 from rig.sweep.orders import (
@@ -105,7 +105,7 @@ class Runner:
         self.reads_teeth = isinstance(bench.build(self.speed_device), EdgeReader)
         self.gauge = bench.file.roles.pressure.partition(".")[0]
         self.columns = columns_of(bench.file.roles.model_dump())
-        self.total = len(course.steps) + len(course.captures)
+        self.total = len(course.steps) + len(course.captures) or 1  # a zero alone is one
         self.left_out: list[Step] = []
         self.finish: Finish | None = None
         self._capturing = False
@@ -156,7 +156,9 @@ class Runner:
                 self.hooks.progress.say(order.text, order.warning)
             case Entered():
                 self._note("state", state=order.state, **order.details)
-                self.hooks.progress.advance(self.total - self.machine.tasks_left, self.total, _words(order))
+                zero_left = not (self.course.steps or self.course.captures) and order.state != State.DONE
+                done = self.total - (self.machine.tasks_left or zero_left)
+                self.hooks.progress.advance(done, self.total, _words(order))
             case Record():
                 self._record(order.plateau)
             case Zero():

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rig.sweep.course import Course
 
 
+PLATEAUS = 10  # of a capture of plateaus, where nobody says how many
 PAGE_NICE = 10  # another run may have begun meanwhile
 
 
@@ -93,9 +94,12 @@ def capture(
     bench: options.BenchArgument,
     kind: Annotated[CaptureKind, typer.Option(help="What to take.")],
     level_bar_abs: Annotated[
-        float | None, typer.Option(help="Absolute pressure, in bar; the bench file's if left out.")
+        float | None, typer.Option(help="Absolute pressure, in bar; the bench file's if left out. A zero has none.")
     ] = None,
-    plateaus: Annotated[int, typer.Option(min=1, max=1000, help="How many plateaus, with --kind plateaus.")] = 10,
+    plateaus: Annotated[
+        int | None,
+        typer.Option(min=1, max=1000, help="How many plateaus, with --kind plateaus; 10 if left out."),
+    ] = None,
     added_inertia_kg_m2: Annotated[
         float | None, typer.Option(help="Inertia of a flywheel on the shaft, in kg m2; the bench file's if left out.")
     ] = None,
@@ -123,6 +127,10 @@ def capture(
     from rig.sweep.ambient import Given
     from rig.sweep.continuing import plateaus_before, refuse_another_motor
 
+    if plateaus is not None and kind is not CaptureKind.PLATEAUS:
+        raise typer.BadParameter(f"--plateaus belongs to --kind plateaus; a {kind.value} has none")
+    if level_bar_abs is not None and kind is CaptureKind.ZERO:
+        raise typer.BadParameter("--level-bar-abs: a zero is taken with the line vented, at no level; leave it out")
     parent = None if after is None else _among(after, logs)
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
 
@@ -132,7 +140,8 @@ def capture(
         if parent is not None:
             refuse_another_motor(parent, read, motor_serial)
         known = () if parent is None else plateaus_before(parent, read, logs)
-        return replace(capture_course(read, ambient, kind.value, level_bar_abs, plateaus), known=known), []
+        times = PLATEAUS if plateaus is None else plateaus
+        return replace(capture_course(read, ambient, kind.value, level_bar_abs, times), known=known), []
 
     server = server_of(conceal, conceal_seed, only, key)
     by = (operator, motor_serial, note, *_before(parent))
@@ -169,6 +178,7 @@ def _take(
     from rig.run.running import UNVENTED, take
     from rig.run.terminal import Terminal, somebody_is_there
     from rig.runlog.schema import ended
+    from rig.sweep.judge import unusable
 
     place = bench_path(path)
     bench = read_bench(place)
@@ -178,7 +188,8 @@ def _take(
     with contextlib.ExitStack() as shown:
         if bench.file.roles.regulator is not None:
             terminal = shown.enter_context(Terminal(f"{wanted.kind} on {bench.name}"))
-            wanted = replace(wanted, progress=terminal, ask=terminal.ask if somebody_is_there() else None)
+            asks = terminal.ask if somebody_is_there() else None
+            wanted = replace(wanted, progress=terminal, waiting=waiting, ask=asks)
             say = partial(terminal.say, warning=True)
         if check:
             wanted = replace(wanted, beside=lambda folder, note: Beside(folder, readings.so_far, note, say))
@@ -187,13 +198,14 @@ def _take(
     if not outcome.vented:
         remark(UNVENTED)
     rate = wanted.rate or (bench.file.virtual.rate if bench.file.virtual is not None else 1.0)
-    if outcome.outcome == "failed" and rate > 1.0:
+    if rate > 1.0 and (outcome.outcome == "failed" or unusable(outcome.plateaus)):
         remark(f"a virtual bench at {rate:g} times real time needs a machine that has time for it: try a lower --rate")
     if page:
         _write_page(folder)
     if outcome.outcome != "finished":
         if wanted.kind == "sweep":
-            print(f"go on with: {_continuing(path, folder, wanted, given, check, concealed)}")
+            switches = [*([] if check else ["--no-check"]), *([] if page else ["--no-page"])]
+            print(f"go on with: {_continuing(path, folder, wanted, given, switches, concealed)}")
         raise typer.Exit(RUN_FAILED)
 
 
@@ -214,7 +226,12 @@ def _write_page(folder: Path) -> None:
 
 
 def _continuing(
-    path: Path, folder: Path, wanted: Wanted, given: Given, check: bool, concealed: tuple[Path | None, Path | None]
+    path: Path,
+    folder: Path,
+    wanted: Wanted,
+    given: Given,
+    switches: list[str],
+    concealed: tuple[Path | None, Path | None],
 ) -> str:
     """The command that goes on where a sweep ended, with the options of that sweep. `concealed`: seal and key."""
     from rig.sweep.ambient import OPTIONS
@@ -230,7 +247,7 @@ def _continuing(
     for name, place in zip(("--conceal", "--key"), concealed, strict=True):
         words += [name, str(place)] if place is not None else []
     words += [] if wanted.wire else ["--no-wire"]
-    words += [] if check else ["--no-check"]
+    words += switches
     return shlex.join(words)
 
 

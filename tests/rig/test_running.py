@@ -23,6 +23,7 @@ from rig.clock import Clock
 from rig.exchange.export import recording_of
 from rig.recording import read_recording
 from rig.run import running
+from rig.run.place import Place
 from rig.run.terminal import why_failed
 from rig.runlog import read_run, verify
 from rig.sweep.ambient import Given
@@ -206,7 +207,7 @@ def test_the_guard_is_made_before_the_bench_is_touched(bench, tmp_path, monkeypa
     def guard(*arguments):
         raise LookupError("asked for")
 
-    nowhere = running.Place(Clock(), port_of, None)
+    nowhere = Place(Clock(), port_of, None)
     monkeypatch.setattr(running, "guard_of", guard)
     monkeypatch.setattr(running, "place_of", lambda *arguments: contextlib.nullcontext(nowhere))
     given = Given(lubrication="none", minutes_running=0.0)

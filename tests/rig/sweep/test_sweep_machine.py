@@ -331,7 +331,10 @@ def test_a_speed_that_never_settles_is_recorded_as_such_after_the_time_out():
     assert not record.plateau.settled
     assert "not settled after 20 s: speed: changes by" in record.plateau.note
     assert any(say.warning and "not settled" in say.text for say in walk.of(orders.Say))
+    lost = "1 of 1 plateaus cannot be used: it had not settled, or pressure or speed was not read"
     assert walk.finish.outcome == "finished"
+    assert walk.finish.reason.startswith(lost)
+    assert orders.Say(lost, warning=True) in walk.of(orders.Say)
 
 
 def test_a_gauge_that_is_off_the_level_is_noted_on_the_plateau():

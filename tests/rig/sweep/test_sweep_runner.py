@@ -83,6 +83,19 @@ def test_the_progress_counts_plateaus():
     assert told[-1] == (2, 2)
 
 
+def test_the_progress_of_a_zero_counts_the_zero():
+    told = []
+    progress = SimpleNamespace(
+        say=lambda text, warning=False: None, advance=lambda done, total, text: told.append((done, total))
+    )
+    acquisition = LabAcquisition(LabBench())
+    bench = acquisition.bench
+    course = capture_course(bench, at_start(bench, GIVEN), "zero")
+    Runner(acquisition, acquisition, bench, course, hooks(progress=progress)).run()
+    assert told[0] == (0, 1)
+    assert told[-1] == (1, 1)
+
+
 @pytest.mark.parametrize("state", ["zero", "ramp", "settle", "dwell", "next"])
 def test_a_regulator_that_dies_fails_the_run_and_is_tried_again_to_the_end(state):
     acquisition = LabAcquisition(LabBench())
