@@ -22,7 +22,8 @@ class Terminal:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.bar.stop()
+        if self.bar.live.is_started:  # one that is stopped without having begun leaves an empty line
+            self.bar.stop()
 
     def say(self, text: str, warning: bool = False) -> None:
         """Tell the person something."""

@@ -25,11 +25,12 @@ from rig.runlog.folder import (
     WIRE,
     Lock,
     RunError,
+    is_locked,
     sha256_of,
     write_whole,
 )
 from rig.runlog.lines import whole_lines
-from rig.runlog.reader import BEING_WRITTEN, KILLED, read_end, read_events, read_head, read_start, wire_lines
+from rig.runlog.reader import KILLED, read_end, read_events, read_head, read_start, wire_lines
 from rig.runlog.samples import blocks_of
 from rig.runlog.schema import EndRecord, WireLine, dump
 
@@ -41,11 +42,13 @@ def verify(folder: Path) -> list[str]:
     """What is not as it should be in a run, in words; empty when everything is.
 
     Hashes are held against the end record, counts against the rows, and the rows of each exchange against its line of
-    the wire. Raises RunError when the folder holds no run.
+    the wire. Raises RunError when the folder holds no run, and of one that is being written: its files do not yet agree.
     """
     folder = Path(folder)
     if not (folder / START).exists():
         read_start(folder)  # says what is missing
+    if is_locked(folder) and not (folder / END).exists():
+        raise RunError(f"{folder}: a program writes this run now; wait for its end, or stop it")
     findings = _strangers(folder)
     try:
         end = read_end(folder)
@@ -53,9 +56,7 @@ def verify(folder: Path) -> list[str]:
         run = _Look(folder)
     except RunError as error:
         return [*findings, *str(error).splitlines()]
-    if run.head.state == BEING_WRITTEN:
-        findings.append("no end record: a program writes this run now")
-    elif run.head.state == KILLED:
+    if run.head.state == KILLED:
         findings.append("no end record: the run was killed; `spinbench runs repair` seals what there is")
     torn = run.head.torn.items()
     findings += [f"{name}: its last line is torn, {dropped} bytes are left out" for name, dropped in torn]

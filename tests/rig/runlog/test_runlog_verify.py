@@ -64,12 +64,22 @@ def test_many_rows_that_do_not_fit_the_wire_are_counted(long_runs, tmp_path):
     assert findings[21:] == ["and 701 more", "the end record counts 750 exchanges, the files hold 720"]
 
 
-def test_verify_says_what_is_no_run_what_is_being_written_and_what_has_no_hash(tmp_path):
+def test_verify_refuses_what_is_no_run_and_what_is_being_written_and_says_what_has_no_hash(tmp_path):
     with pytest.raises(RunError, match=r"holds no start.json"):
         verify(tmp_path)
     with RunWriter.create(tmp_path, start_of(), wire=False) as writer:
-        assert verify(writer.folder) == ["no end record: a program writes this run now"]
+        with pytest.raises(RunError, match=r"a program writes this run now; wait for its end, or stop it$"):
+            verify(writer.folder)
         writer.end("finished")
     assert verify(writer.folder) == []
     (writer.folder / "wire.jsonl").write_bytes(b"")
     assert verify(writer.folder) == ["wire.jsonl: the end record has no hash of it"]
+
+
+def test_a_run_that_is_being_written_is_refused_and_not_called_damaged(tmp_path, spinbench_here):
+    """Its rows are ahead of its wire, or behind: that is no damage."""
+    with RunWriter.create(tmp_path / "logs", start_of()) as writer:
+        result = spinbench_here("runs", "verify", "last", cwd=tmp_path)
+        writer.end("finished")
+    told = f"spinbench: logs/{writer.folder.name}: a program writes this run now; wait for its end, or stop it\n"
+    assert (result.returncode, result.stdout, result.stderr) == (2, "", told)
