@@ -121,7 +121,7 @@ class VirtualTable(Strict):
     """A bench that is not there: see rig/virtual."""
 
     rate: Annotated[float, pydantic.Field(ge=0.1, le=50.0)] = 1.0  # seconds of the bench in one of the wall
-    seed: int = 1
+    seed: Annotated[int, pydantic.Field(ge=0)] = 1
     truth: dict[str, float] = pydantic.Field(default_factory=dict)  # parameters of the motor off their defaults
     faults: list[dict[str, str | int | float]] = pydantic.Field(default_factory=list)  # docs/virtual-bench.md
 

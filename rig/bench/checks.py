@@ -21,6 +21,8 @@ ENDS_OF_ROLES = {
     "flow": ("l_min",),
     "temperature": ("_c",),
 }
+LEAST_READINGS = 5  # in the window, to judge whether a level has settled
+FILLED = 0.8  # of the window that has to lie between the first and the last of them
 LOWEST_ROOM_BAR = 0.5  # bar abs, of [ambient]
 VIRTUAL, DERIVED = "virtual", "derived"  # a port of the virtual bench; what the log calls channels that are computed
 
@@ -52,7 +54,29 @@ def now(bench: Bench) -> list[str]:
         *_unreferenced_flow(bench),
         *_shared_ports(bench.file),
         *_no_vent(bench),
+        *_times(bench.file),
     ]
+
+
+def _times(file: BenchFile) -> list[str]:
+    """Times that go together with no plateau that settles."""
+    sweep, mistakes = file.sweep, []
+    if any(line.kind == "keyboard" for line in file.lines.values()):
+        return []  # a person's readings come when they come
+    if FILLED * sweep.window_s > sweep.settle_timeout_s:
+        mistakes.append(
+            f"sweep.window_s = {sweep.window_s:g} and sweep.settle_timeout_s = {sweep.settle_timeout_s:g}: no level "
+            "could settle before it is given up; make the window shorter, or the other longer"
+        )
+    for device in dict.fromkeys(name.partition(".")[0] for name in (file.roles.pressure, file.roles.speed)):
+        table = file.devices.get(device)
+        if table is not None and (LEAST_READINGS - 1) * table.period_s > sweep.window_s:
+            mistakes.append(
+                f"devices.{device}.period_s = {table.period_s:g} and sweep.window_s = {sweep.window_s:g}: "
+                f"{LEAST_READINGS} readings are needed in the window, to see that a level has settled, and they cannot "
+                "come; make the period shorter, or the window longer"
+            )
+    return mistakes
 
 
 def _no_vent(bench: Bench) -> list[str]:

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rig.bench.checks import FILLED, LEAST_READINGS
 from rig.plateaus.series import line_through
 
-LEAST_READINGS = 5
-FILLED = 0.8  # of the window that has to lie between the first and the last reading
 BOUND = 2.0  # standard errors
 KNOWN_WITHIN = 2.0  # limits
 

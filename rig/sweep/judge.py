@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from rig.bench.bench import SweepTable
+from rig.bench.checks import LEAST_READINGS
 from rig.plateaus.plateau import Mean, Plateau, mean_of
-from rig.plateaus.settle import LEAST_READINGS, settled
+from rig.plateaus.settle import settled
 from rig.readings import NS, Reading
 from rig.sweep.orders import View
 
@@ -72,6 +73,9 @@ def not_read(view: View, start_ns: int, end_ns: int) -> str:
         if view.window(role, start_ns, end_ns).time_s.size:
             continue
         reading = view.last(role)
+        if reading is not None and reading.usable:
+            span = f"in these {(end_ns - start_ns) / NS:.3g} s"
+            return f"there is no reading of the {role} ({reading.name}) {span}, though it is read at other times"
         last = "" if reading is None else f" ({reading.name}; its last reading: {reading.quality})"
         return f"there is no reading of the {role}{last}"
     return ""

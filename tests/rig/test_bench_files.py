@@ -55,6 +55,21 @@ def test_a_file_is_read_with_the_mark_that_windows_writes(tmp_path):
         ),
         ("gauge.pressure_bar_abs", "gauge.temperature_c", "roles.pressure: 'gauge.temperature_c' is no pressure"),
         (
+            "[sweep]",
+            "[sweep]\nwindow_s = 300.0",
+            "sweep.window_s = 300 and sweep.settle_timeout_s = 60: no level could settle before it is given up",
+        ),
+        (
+            'line = "bus"\nunit_id = 1',
+            'line = "bus"\nunit_id = 1\nperiod_s = 100.0',
+            "devices.gauge.period_s = 100 and sweep.window_s = 3: 5 readings are needed in the window",
+        ),
+        (
+            "[sweep]",
+            "[virtual]\nseed = -1\n[sweep]",
+            "'virtual.seed' should be greater than or equal to 0 (given: -1)",
+        ),
+        (
             "192.168.1.20",
             "192.168.1.20:502",
             "'192.168.1.20:502' is more than a name or an address; tcp_port has the port",

@@ -9,7 +9,7 @@ import pytest
 from rig.bench.bench import SweepTable
 from rig.plateaus.plan import Step, plan
 from rig.readings import NS
-from rig.sweep import orders
+from rig.sweep import judge, orders
 from rig.sweep.capturing import CaptureTask
 from rig.sweep.course import Course
 from rig.sweep.machine import SweepMachine
@@ -425,6 +425,15 @@ def test_a_capture_refused_for_want_of_readings_names_the_instrument_that_fell_s
     assert walk.finish.outcome == "failed"
     silent = "gauge.pressure_bar_abs; its last reading: timeout"
     assert walk.finish.reason == f"no plateau can be used: there is no reading of the pressure ({silent})"
+
+
+def test_a_gauge_that_was_only_not_read_in_time_is_not_told_by_the_quality_of_another_reading():
+    lab = Lab()
+    for _ in range(20):
+        lab.step()
+    told = judge.not_read(lab, lab.now_ns + 1, lab.now_ns + round(0.7 * NS))
+    span = "(gauge.pressure_bar_abs) in these 0.7 s, though it is read at other times"
+    assert told == f"there is no reading of the pressure {span}"
 
 
 def test_a_plateau_below_a_refused_level_comes_first_where_it_lets_the_guard_see_farther():
