@@ -21,10 +21,10 @@ _HIDDEN = f".spinbench-{re.sub('[^A-Za-z0-9]', '_', platform.node())}"
 def check_places(folder: Path | None, file: Path | None = None) -> None:
     """Whether results could be written, before the work that they come of.
 
-    Raises OSError when something else is there, or the place is not open to this user.
+    Raises OSError when something else is there, or nothing can be made there.
     """
-    if file is not None and file.is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
+    if file is not None:
+        _refuse_folder(file)
     for place in (folder, None if file is None else file.parent):
         if place is None:
             continue
@@ -34,6 +34,24 @@ def check_places(folder: Path | None, file: Path | None = None) -> None:
         code = errno.ENOTDIR if not there.is_dir() else 0 if os.access(there, os.W_OK | os.X_OK) else errno.EACCES
         if code:
             raise OSError(code, os.strerror(code), str(there))
+        if (
+            file is None or place is folder or not file.exists()
+        ):  # what is there may be no plain file, and is written into
+            _try(there)
+
+
+def _refuse_folder(file: Path) -> None:
+    if file.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
+
+
+def _try(folder: Path) -> None:
+    """Make something in a folder, and take it away: whether that goes, nothing else tells for sure."""
+    try:
+        Path(tempfile.mkdtemp(prefix=f"{_HIDDEN}-", dir=folder)).rmdir()
+    except OSError as error:
+        why = f"cannot be written ({error.strerror}); check the place and the space"
+        raise OSError(error.errno, why, str(folder)) from None
 
 
 def write_files(folder: Path, files: Mapping[str, bytes], hidden_in: Path | None = None) -> None:
@@ -52,7 +70,7 @@ def write_files(folder: Path, files: Mapping[str, bytes], hidden_in: Path | None
         hidden = stack.enter_context(beside(hidden_in or folder))
         written = [(_write_into(hidden, folder / name, content), folder / name) for name, content in files.items()]
         for _, place in written:
-            check_places(None, place)
+            _refuse_folder(place)
         for temporary, place in written:
             if place.exists() and not place.is_file():
                 place.write_bytes(files[place.name])
