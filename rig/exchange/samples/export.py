@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from configs import close_to
 from rig.exchange.binary.apart import need
 from rig.exchange.samples import formats
 from rig.recording.files import beside
@@ -19,6 +20,26 @@ FORMATS = {
     ".tdms": (formats.write_tdms, "nptdms"),
     ".mf4": (formats.write_mdf, "asammdf"),
 }
+
+
+# Endings of other files: a folder of such a name was not meant.
+OF_FILES = (".csv", ".tsv", ".txt", ".json", ".toml", ".zip", ".xls", ".xlsx", ".mat", ".mdf", ".dat", ".nc", ".html")
+
+
+def is_file_of_samples(out: Path) -> bool:
+    """Whether a name is that of a file of samples, and not of a folder.
+
+    Raises RunError for the ending of a file of another kind, and for one that is misspelt.
+    """
+    ending = out.suffix.lower()
+    if ending in FORMATS or not ending:
+        return bool(ending)
+    close = close_to(ending, FORMATS)
+    if close or ending in OF_FILES:
+        meant = f"did you mean '{close}'? " if close else ""
+        known = f"known: {', '.join(FORMATS)}; the name of a folder has no such ending"
+        raise RunError(f"{out}: unknown ending '{ending}'; {meant}{known}")
+    return False
 
 
 def export_samples(run: Run, file: Path) -> None:
