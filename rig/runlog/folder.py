@@ -24,6 +24,7 @@ HASHED = (START, *APPENDED, WATCHDOG)
 MAX_RECORD_BYTES = 32_000_000  # of start.json and end.json
 MAX_FILE_BYTES = 4_000_000_000
 MAX_SAME_NAME = 1000
+A_FILE = "a file, where the folder of runs is to be; name another with --logs"
 _WORD = re.compile(r"[^A-Za-z0-9.-]+")
 
 
@@ -58,7 +59,7 @@ def make_folder(root: Path, name: str) -> Path:
                 folder.mkdir()
                 return folder
     except (FileExistsError, NotADirectoryError):
-        raise RunError(f"{root}: a file, where the folder of runs is to be; name another with --logs") from None
+        raise RunError(f"{root}: {A_FILE}") from None
     except OSError as error:
         raise RunError(f"{root}: the run's folder cannot be made ({error.strerror}); check the place") from None
     raise RunError(f"{root}: {MAX_SAME_NAME} runs are called {name}; move them away")

@@ -9,7 +9,7 @@ from typing import Any
 
 from rig.readings import with_error
 from rig.recording.mistakes import shown
-from rig.runlog.folder import PLATEAUS, SAMPLES, START, RunError, is_locked
+from rig.runlog.folder import A_FILE, PLATEAUS, SAMPLES, START, RunError, is_locked
 from rig.runlog.lines import whole_lines
 from rig.runlog.plateaus import QUANTITIES, Mean, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN, Run, read_end, read_start, state_of
@@ -37,8 +37,10 @@ class RunRow:
 
 
 def list_runs(root: Path) -> list[RunRow]:
-    """The runs of a folder, oldest first; other folders in it are passed over."""
+    """The runs of a folder, oldest first; other folders in it are passed over. Raises RunError where it is a file."""
     if not root.is_dir():
+        if root.exists():
+            raise RunError(f"{root}: {A_FILE}")
         return []
     folders = [entry for entry in root.iterdir() if entry.is_dir() and (entry / START).exists()]
     return [_row(folder) for folder in sorted(folders)]

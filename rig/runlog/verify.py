@@ -42,7 +42,7 @@ def verify(folder: Path) -> list[str]:
     """What is not as it should be in a run, in words; empty when everything is.
 
     Hashes are held against the end record, counts against the rows, and the rows of each exchange against its line of
-    the wire. Raises RunError when the folder holds no run, and of one that is being written: its files do not yet agree.
+    the wire. Raises RunError when the folder holds no run, or one that is being written: its files do not agree yet.
     """
     folder = Path(folder)
     if not (folder / START).exists():

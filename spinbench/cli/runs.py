@@ -22,9 +22,12 @@ def list_all(logs: LogsOption = LOGS) -> None:
     from rich.markup import escape
     from rich.table import Column, Table
 
+    from rig.runlog import RunError
     from rig.runlog.listing import list_runs
 
     found = list_runs(logs)
+    if logs != LOGS and not logs.exists():
+        raise RunError(f"{logs}: there is no such folder; name with --logs the one that runs are in")
     if not found:
         print(f"no runs in {logs}{'' if logs.is_dir() else ': there is no such folder'}", file=sys.stderr)
         return
@@ -75,10 +78,10 @@ def export(
 ) -> None:
     """Export a run as a recording/1 folder, or its samples as Parquet, HDF5, TDMS or MDF 4."""
     from rig.exchange.export import export_recording
-    from rig.exchange.samples.export import FORMATS, export_samples
+    from rig.exchange.samples.export import export_samples, is_file_of_samples
     from rig.recording import files
 
-    as_samples = out.suffix.lower() in FORMATS
+    as_samples = is_file_of_samples(out)
     files.check_places(*((None, out) if as_samples else (out, None)))
     read = run_named(run, logs)
     if as_samples:

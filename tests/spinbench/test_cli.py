@@ -402,3 +402,37 @@ def test_a_narrow_terminal_cuts_no_figure(columns):
     figures = told.before.rpartition("─")[2]
     assert "…" not in figures
     assert figures.split()[:6] == ["1.600", "229.42", "41.54", "1.5955", "38.33", "0.808"]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("e.parqet", "e.parqet: unknown ending '.parqet'; did you mean '.parquet'? known: .parquet, .h5, "),
+        ("e.csv", "e.csv: unknown ending '.csv'; known: .parquet, .h5, "),
+    ],
+)
+def test_a_misspelt_ending_makes_no_folder(tmp_path, spinbench_here, name, words):
+    with RunWriter.create(tmp_path / "logs", start_of()) as writer:
+        writer.end("finished")
+    result = spinbench_here("runs", "export", "last", "-o", name, cwd=tmp_path)
+    assert refused(result).startswith(f"spinbench: {words}")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["logs"]
+
+
+def test_a_place_in_which_nothing_can_be_made_is_refused_before_the_work(tmp_path, spinbench_here):
+    """Root may write into /proc by its permissions, and still nothing can be made there."""
+    assert refused(spinbench_here("fit", "published_sweep", "-o", "/proc/x", cwd=tmp_path)).startswith(
+        "spinbench: /proc: "
+    )
+
+
+def test_a_folder_of_runs_that_is_none_is_refused(tmp_path, spinbench_here):
+    (tmp_path / "notes.md").write_text("no runs")
+    told = refused(spinbench_here("runs", "list", "--logs", "notes.md", cwd=tmp_path))
+    assert told == "spinbench: notes.md: a file, where the folder of runs is to be; name another with --logs\n"
+    told = refused(spinbench_here("runs", "show", "last", "--logs", "notes.md", cwd=tmp_path))
+    assert told == "spinbench: notes.md: a file, where the folder of runs is to be; name another with --logs\n"
+    told = refused(spinbench_here("runs", "list", "--logs", "nope", cwd=tmp_path))
+    assert told == "spinbench: nope: there is no such folder; name with --logs the one that runs are in\n"
+    nothing = spinbench_here("runs", "list", cwd=tmp_path)
+    assert (nothing.returncode, nothing.stderr) == (0, "no runs in logs: there is no such folder\n")
