@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import partial
+from typing import Protocol, TypeVar
 
 from rig import acquisition
 from rig.acquisition import actions
@@ -20,6 +21,7 @@ from rig.by_hand import entry
 from rig.by_hand.by_hand import faces_of, manual_device
 from rig.by_hand.sheet import AT_ZERO, sheet_columns
 from rig.clock import Clock
+from rig.instruments.codecs.values import printable
 from rig.instruments.manual import EntryError, decode_entry
 from rig.lines.keyboard import KeyboardPort
 from rig.plateaus.plan import DOWN, UP, Step, SweepError
@@ -38,6 +40,7 @@ CLOCK_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 NUMBER = re.compile(r"\d{1,7}(?:\.\d{1,6})?")
 DECIMAL = re.compile(r"[<>]?[+-]?\d+[.,]\d+")
 DAY_S = 86_400.0
+T = TypeVar("T")
 
 
 class SheetError(SweepError):
@@ -217,23 +220,41 @@ def plateau_of(
 
 
 def _row(number: int, cells: dict[str, str], typed: dict[str, ChannelFile], last_s: float | None) -> SheetRow:
-    """One row; a ValueError says what is wrong with it."""
-    time_s = _time(cells["time"], last_s)
-    level = None if cells["level_bar_abs"] == AT_ZERO else _level(cells["level_bar_abs"])
+    """One row; a ValueError says all that is wrong with it."""
     direction = cells["direction"] or UP
-    if direction not in (UP, DOWN):
-        raise ValueError(f"direction: '{direction[:20]}' is neither up nor down")
-    text = " ".join(cells[name] or "-" for name in typed)
     pressure = next(name for name in cells if name.endswith("_after")).removesuffix("_after")
     after = cells[f"{pressure}_after"]
+    wrong: list[str] = []
+    time_s = _or_told(wrong, partial(_time, cells["time"], last_s))
+    level = None if cells["level_bar_abs"] == AT_ZERO else _or_told(wrong, partial(_level, cells["level_bar_abs"]))
+    wrong += [f"direction: '{direction[:20]}' is neither up nor down"] if direction not in (UP, DOWN) else []
+    for column in [*typed, f"{pressure}_after"]:
+        _or_told(wrong, partial(_entry, column, cells[column] or "-", typed))
+    if wrong or time_s is None:
+        raise ValueError("; ".join(wrong))
+    text = " ".join(cells[name] or "-" for name in typed)
     after_text = " ".join(after if name == pressure else "-" for name in typed) if after else ""
-    try:
-        decode_entry(text, typed)
-        if after_text:
-            decode_entry(after_text, typed)
-    except EntryError as error:
-        raise ValueError(str(error)) from None
     return SheetRow(number, time_s, level, direction, text, after_text, cells["note"][:MOST_NOTE])
+
+
+def _or_told(wrong: list[str], read: Callable[[], T]) -> T | None:
+    """What is read; None where it cannot be, which is added to what is wrong."""
+    try:
+        return read()
+    except ValueError as error:
+        wrong.append(str(error))
+        return None
+
+
+def _entry(column: str, cell: str, typed: dict[str, ChannelFile]) -> None:
+    """Look at the reading in a cell; a ValueError says what is wrong with it."""
+    name = column.removesuffix("_after")
+    if len(cell.split()) > 1:
+        raise ValueError(f"{column}: '{printable(cell[:40])}' is not a number alone; the unit is not written")
+    try:
+        decode_entry(cell, {name: typed[name]})
+    except EntryError as error:
+        raise ValueError(f"{column}{str(error).removeprefix(name)}") from None
 
 
 def _time(cell: str, last_s: float | None) -> float:

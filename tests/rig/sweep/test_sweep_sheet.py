@@ -139,8 +139,12 @@ def test_a_wrong_cell_is_named_with_its_row(bench, line, says):
 
 def test_all_mistakes_are_told_at_once(bench):
     with pytest.raises(SheetError) as caught:
-        read_sheet(f"{HEADER}soon,1.6,up,1.6,44,232,,\n14:05,high,up,1.6,44,232,,\n", bench)
-    assert len(str(caught.value).splitlines()) == 2
+        read_sheet(f"{HEADER}soon,1.6,up,1.6,44,232,,\n14:05,high,sideways,44 L,144,23O,99,\n", bench)
+    first, second = str(caught.value).splitlines()
+    assert first == "row 1: time: 'soon': expected 14:05, 14:05:30 or seconds"
+    places = [words.partition(":")[0] for words in second.removeprefix("row 2: ").split("; ")]
+    wrong = ["level_bar_abs", "direction", "pressure_bar_abs", "flow_l_min", "speed_rpm", "pressure_bar_abs_after"]
+    assert [place for place in places if place in wrong] == wrong
 
 
 def test_times_that_go_back_are_refused_and_midnight_is_none_of_them(bench):
