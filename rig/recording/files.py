@@ -34,9 +34,7 @@ def check_places(folder: Path | None, file: Path | None = None) -> None:
         code = errno.ENOTDIR if not there.is_dir() else 0 if os.access(there, os.W_OK | os.X_OK) else errno.EACCES
         if code:
             raise OSError(code, os.strerror(code), str(there))
-        if (
-            file is None or place is folder or not file.exists()
-        ):  # what is there may be no plain file, and is written into
+        if file is None or place is folder or not file.exists():  # a pipe, too, is a file that is there
             _try(there)
 
 
