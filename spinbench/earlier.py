@@ -93,7 +93,7 @@ def read_earlier(out: Path) -> Earlier:
                 f"{folder} is not there any more, and {file} was made of it; it is looked for from where that file "
                 "lies: move either back, or name all the recordings"
             )
-        read = readings.read(folder)
+        read = readings.read(folder, among_many=True)
         if read.sha256 != one[SHA256]:
             raise RecordingError(f"{folder} is not what {file} was made of: it was changed; diagnose it anew")
         parts += without([read], one[WITHOUT])

@@ -139,14 +139,16 @@ def _check_written_out(recording: Recording) -> None:
         raise RecordingError("\n".join(lines)) from None
 
 
-def all_named(named: Sequence[Path], logs: Path, parents: bool = False) -> list[Recording]:
+def all_named(named: Sequence[Path], logs: Path, parents: bool = False, among_many: bool = False) -> list[Recording]:
     """The recordings that a person names and, where asked for, what each goes on from, ahead of it.
+
+    `among_many`: there are others besides: remarks have the name of the folder, also of a single one.
 
     Raises RecordingError when a parent is missing, or parents go in a circle.
     """
     folders = [folder_named(one, logs) for one in named]
     if not parents or len({folder.resolve() for folder in folders}) < len(folders):  # whoever calls refuses these
-        return [read(folder, among_many=len(folders) > 1) for folder in folders]
+        return [read(folder, among_many=among_many or len(folders) > 1) for folder in folders]
     found: dict[Path, Recording | None] = {}
     for folder in folders:
         found |= reversed(_back_from(folder, found, logs).items())

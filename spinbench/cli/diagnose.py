@@ -74,8 +74,8 @@ def diagnose(
 
     check_places(out, json_file)
     earlier = None if resume is None else read_earlier(resume)
-    new = readings.all_named(recording, logs, parents)
-    unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs))
+    new = readings.all_named(recording, logs, parents, among_many=earlier is not None or hold_out is not None)
+    unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs), among_many=True)
     readings.refuse_twice([*(earlier.recordings if earlier else []), *new], unseen)
     promise = _promised(earlier, new, resume)
     parts = without([*(earlier.recordings if earlier else []), *new], left_out or [])

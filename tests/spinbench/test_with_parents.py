@@ -225,3 +225,13 @@ def test_a_capture_after_a_run_of_another_motor_or_place_is_not_begun(bench, tak
     assert result.returncode == 2
     assert words in " ".join(result.stderr.replace("│", " ").split())
     assert sorted(folder.glob("*")) == before
+
+
+def test_remarks_name_their_run_where_another_is_held_out(tmp_path, spinbench_here):
+    """The run is refused in the end, for it is given twice: what is said of it before has its name."""
+    killed = write_sweep(tmp_path / "logs", seal=False)
+    result = spinbench_here("diagnose", killed.name, "--hold-out", killed.name, cwd=tmp_path)
+    assert result.returncode == 2
+    *remarks, _ = result.stderr.splitlines()
+    assert remarks
+    assert all(line.startswith(f"spinbench: {killed.name}: ") for line in remarks)
