@@ -42,6 +42,8 @@ def look_at_text(path: Path) -> Text:
     with open_plain(path, MAX_BYTES) as stream:
         data = stream.read(LOOKED_BYTES)
         cut = bool(stream.read(1))
+    if not data.strip():
+        raise RunError(f"{path}: an empty file; is it the one that was meant, and was it saved?")
     encoding, text = _decoded(data, path)
     lines = lines_of(text.removeprefix("\ufeff"))
     whole = not cut and len(lines) <= LOOKED_LINES

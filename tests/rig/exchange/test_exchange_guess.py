@@ -213,7 +213,9 @@ def test_a_matlab_file_s_vectors_have_no_units(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "no line of the first 400 has a number"),
+        (b"", "an empty file"),
+        (b" \r\n\n", "an empty file"),
+        (b"only words\n", "no line of the first 400 has a number"),
         (b"\xd0\xcf\x11\xe0 old", "save it as .xlsx"),
         (b"\x1f\x8b\x00\x01", "neither a format that is known nor text"),
         (b"TDSm" + b"\1" * 60, "holds no column of numbers"),
