@@ -71,17 +71,21 @@ def check_levels(bench: Bench, ambient: Ambient, levels_bar_abs: Collection[floa
 
     Raises SweepError: above the limit, beyond the regulator's span, or not above the room's pressure.
     """
+    is_split = len(levels_bar_abs) > 1 and all(float(level).is_integer() for level in levels_bar_abs)
+    hint = "; were 1.25 and the like written with a comma? A comma parts two levels: write a point" * is_split
     highest = bench.file.safety.highest_pressure_bar_abs
     reach = _reach(bench, ambient)
     for level in levels_bar_abs:
         if level > reach:
-            raise SweepError(f"level {level:g} bar abs is beyond the regulator's span, which ends at {reach:g} bar abs")
+            raise SweepError(
+                f"level {level:g} bar abs is beyond the regulator's span, which ends at {reach:g} bar abs{hint}"
+            )
         if level > highest:
-            raise SweepError(f"level {level:g} bar abs is above safety.highest_pressure_bar_abs, {highest:g} bar")
+            raise SweepError(f"level {level:g} bar abs is above safety.highest_pressure_bar_abs, {highest:g} bar{hint}")
         if level <= ambient.pressure_bar_abs:
             raise SweepError(
                 f"level {level:g} bar abs is not above the room's {ambient.pressure_bar_abs:g} bar; levels are "
-                "absolute, not gauge"
+                f"absolute, not gauge{hint}"
             )
 
 

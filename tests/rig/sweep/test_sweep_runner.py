@@ -374,3 +374,11 @@ def test_the_guard_is_asked_in_pascals():
     guard = SimpleNamespace(verdict=lambda level, points: asked.append((level, len(points))))
     guarded(guard, AMBIENT, is_gauge=True)(1.6, [])
     assert asked == [(pytest.approx(1.6e5), 0)]
+
+
+@pytest.mark.parametrize(("levels", "is_told"), [([1, 25, 1, 40], True), ([1.0, 1.4], False), ([2, 9], True)])
+def test_levels_that_a_decimal_comma_may_have_parted_are_refused_with_that(levels, is_told):
+    bench = LabBench(levels_bar_abs=levels)
+    with pytest.raises(SweepError) as told:
+        sweep_course(bench, at_start(bench, GIVEN))
+    assert ("written with a comma? A comma parts two levels: write a point" in str(told.value)) == is_told
