@@ -15,7 +15,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import pydantic
 from pydantic.fields import FieldInfo
@@ -56,10 +56,29 @@ def places(kind: str, near: Path | None = None) -> list[Path]:
     return list(dict.fromkeys([*beside, *(project / kind for project in projects), FOLDER / kind]))
 
 
+def names(kind: str, near: Path | None = None) -> list[str]:
+    """The names that there are of a kind, those of the project first; the arguments are those of `places`."""
+    of_kind = [place for place in places(kind, near) if place != near]
+    return list(dict.fromkeys(file.stem for place in of_kind for file in sorted(place.glob("*.toml"))))
+
+
+class ProjectFile(Strict):
+    """A spinbench.toml."""
+
+    format: Literal["project/1"]
+    title: str = ""
+
+
 def project_of(folder: Path) -> Path | None:
-    """The project that a folder is in: the nearest folder upwards with a spinbench.toml; None where there is none."""
+    """The project that a folder is in: the nearest folder upwards with a spinbench.toml; None where there is none.
+
+    Raises ConfigError for a spinbench.toml with mistakes.
+    """
     there = folder.absolute()
-    return next((one for one in (there, *there.parents) if (one / PROJECT).is_file()), None)
+    found = next((one for one in (there, *there.parents) if (one / PROJECT).is_file()), None)
+    if found is not None:
+        validate(ProjectFile, read_toml(found / PROJECT), str(found / PROJECT))
+    return found
 
 
 def find(kind: str, name: str, near: Path | None = None) -> Path | None:
@@ -104,7 +123,7 @@ def read_source(path: Path) -> bytes:
             raise ConfigError(f"{path}: larger than {MAX_TOML_BYTES} bytes; this is not a configuration file")
         return path.read_bytes()
     except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file{_nearest_file(path)}") from None
+        raise ConfigError(_no_such_file(path)) from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
 
@@ -253,6 +272,15 @@ def _nearest(word: str, known: list[str]) -> str:
     if close:
         return f"; did you mean '{close}'?"
     return f"; known here: {', '.join(known)}" if known else ""
+
+
+def _no_such_file(path: Path) -> str:
+    """That a file is not there; of one that was looked for by its name, as the person's own."""
+    kind, project = path.parent.name, project_of(Path.cwd())
+    if path.parent != FOLDER / kind or project is None:
+        return f"{path}: no such file{_nearest_file(path)}"
+    own = project / kind / path.name
+    return f"{own}: no such file, and the program comes with none of that name{_nearest(path.stem, names(kind))}"
 
 
 def _nearest_file(path: Path) -> str:

@@ -223,7 +223,7 @@ def read_bench(path: Path) -> Bench:
     bench = bench_of(path.stem, sources, str(path))
     mistakes = checks.now(bench)
     if isinstance(motor, str) and found is None:
-        mistakes.append(f"motor: there is no motor '{motor}'{checks.meant(motor, configs.FOLDER / 'motors')}")
+        mistakes.append(f"motor: there is no motor '{motor}'{checks.meant(motor, 'motors')}")
     if mistakes:
         raise ConfigError("\n".join(f"{path}: {mistake}" for mistake in mistakes))
     return bench

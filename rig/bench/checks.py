@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from configs import ConfigError, close_to
+from configs import ConfigError, close_to, names
 
 if TYPE_CHECKING:
     from rig.bench.bench import Bench, BenchFile
@@ -27,9 +27,9 @@ LOWEST_ROOM_BAR = 0.5  # bar abs, of [ambient]
 VIRTUAL, DERIVED = "virtual", "derived"  # a port of the virtual bench; what the log calls channels that are computed
 
 
-def meant(name: str, folder: Path) -> str:
-    """Which shipped file a name may be meant for, or which there are."""
-    known = sorted(found.stem for found in folder.glob("*.toml"))
+def meant(name: str, kind: str) -> str:
+    """Which file of the project, or that is shipped, a name may be meant for, or which there are."""
+    known = names(kind)
     close = close_to(name, known)
     return f"; did you mean '{close}'?" if close else f"; known here: {', '.join(known)}"
 
@@ -43,7 +43,7 @@ def no_instrument(name: str, folder: Path) -> str:
         return f"there is no file '{name}', counted from the bench file's folder{also}"
     return (
         f"there is no '{name}' in configs/instruments, nor '{name}.toml' beside the bench file or in the project"
-        f"{meant(name, folder)}"
+        f"{meant(name, folder.name)}"
     )
 
 

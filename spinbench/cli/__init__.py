@@ -174,6 +174,17 @@ def _commit() -> str:
     return f" (commit {told})"
 
 
+def _look_at_the_project() -> None:
+    """Read the project's file, where there is one, before a command begins: what is wrong in it is told at once."""
+    from pathlib import Path
+
+    here = Path.cwd()
+    if any((folder / "spinbench.toml").is_file() for folder in (here, *here.parents)):
+        from configs import project_of
+
+        project_of(here)
+
+
 @app.callback()
 def _options(
     context: typer.Context,
@@ -182,6 +193,7 @@ def _options(
     ] = False,
 ) -> None:
     """Options of the bare command, which tells what can be done next; --version has done its work before."""
+    _look_at_the_project()
     if context.invoked_subcommand is None:
         from spinbench.cli.options import LOGS
         from spinbench.next_steps import shown

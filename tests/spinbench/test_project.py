@@ -163,3 +163,43 @@ def _inline() -> str:
     from rig.recording.write import _value
 
     return _value(configs.read_toml(configs.FOLDER / "motors" / "ptm3600.toml"))
+
+
+@pytest.mark.parametrize(
+    ("command", "own", "meant"),
+    [
+        (("sweep", "bnch"), "benches/bnch.toml", "bench"),
+        (("simulate", "--motor", "motr", "--pressure-bar-abs", "2"), "motors/motr.toml", "motor"),
+    ],
+)
+def test_a_mistyped_name_is_held_against_those_of_the_project_too(project, spinbench_here, command, own, meant):
+    (line,) = spinbench_here(*command, cwd=project / "logs").stderr.splitlines()
+    words = f"no such file, and the program comes with none of that name; did you mean '{meant}'?"
+    assert line == f"spinbench: {project / own}: {words}"
+
+
+def test_a_name_that_is_like_no_other_is_answered_with_those_that_there_are(project, spinbench_here):
+    (line,) = spinbench_here("sweep", "quite_else", cwd=project).stderr.splitlines()
+    assert line.endswith("; known here: bench, lab, manual, virtual, virtual_alicat")
+
+
+def test_an_instrument_s_mistyped_name_may_be_one_of_the_project(project, spinbench_here):
+    (project / "instruments" / "our_gauge.toml").write_text(GAUGE)
+    bench = project / "benches" / "bench.toml"
+    bench.write_text(bench.read_text().replace('instrument = "keller_30x_abs"', 'instrument = "our_gauges"', 1))
+    told = spinbench_here("doctor", "bench", cwd=project)
+    assert (told.returncode, "did you mean 'our_gauge'?" in told.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('format = "project/2"\n', "'format' should be 'project/1' (given: 'project/2')"),
+        ('format = "project/1"\ntitel = "x"\n', "unknown key 'titel'; did you mean 'title'?"),
+        ("", "the key 'format' is missing"),
+    ],
+)
+def test_a_project_s_file_is_read_as_strictly_as_a_bench_s(project, spinbench_here, text, words):
+    (project / "spinbench.toml").write_text(text)
+    told = spinbench_here("runs", "list", cwd=project / "logs")
+    assert (told.returncode, told.stderr) == (2, f"spinbench: {project / 'spinbench.toml'}: {words}\n")
