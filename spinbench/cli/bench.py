@@ -26,12 +26,13 @@ def doctor(
     ] = False,
 ) -> None:
     """Examine a bench: ports, identities, rates, and known culprits with their cure; exit code 2 on a fault."""
-    from rig.bench.bench import bench_path, read_bench
-    from rig.doctor import Level, examine, table
-    from rig.run.place import place_of
+    with waiting(f"reading {bench}"):
+        from rig.bench.bench import bench_path, read_bench
+        from rig.doctor import Level, examine, table
+        from rig.run.place import place_of
 
-    place = bench_path(bench)
-    read = read_bench(place)
+        place = bench_path(bench)
+        read = read_bench(place)
     with place_of(read, place, 1.0, waiting=waiting) as there, waiting(f"examining {read.name}"):
         findings = examine(read, there.ports, there.clock, scan_units=range(1, 17) if scan else ())
     on_terminal(table(findings))

@@ -72,6 +72,7 @@ def sweep(
     key: options.SealKeyOption = None,
 ) -> None:
     """Run the no-load pressure sweep; exit code 4 when it was stopped or failed. The run is kept either way."""
+    _load(bench)
     from rig.run.running import Wanted
     from rig.sweep.ambient import Given
     from rig.sweep.continuing import Taken, taken
@@ -123,6 +124,7 @@ def capture(
 
     A run in time is taken at the highest rate, and refused where the bench cannot resolve it.
     """
+    _load(bench)
     from rig.run.running import Wanted
     from rig.sweep.ambient import Given
     from rig.sweep.continuing import plateaus_before, refuse_another_motor
@@ -146,6 +148,12 @@ def capture(
     server = server_of(conceal, conceal_seed, only, key)
     by = (operator, motor_serial, note, *_before(parent))
     _take(bench, given, course, Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2))
+
+
+def _load(bench: Path) -> None:
+    """Import what takes seconds on a busy machine, with words on the screen."""
+    with waiting(f"reading {bench}"):
+        import rig.run.running  # noqa: F401
 
 
 def _before(parent: Run | None) -> tuple[str | None, str | None]:

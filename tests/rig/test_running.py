@@ -286,7 +286,7 @@ def test_the_command_that_a_stopped_sweep_prints_takes_what_is_missing_and_names
     (command,) = [line.partition(": ")[2] for line in printed.splitlines() if line.startswith("go on with: ")]
     name, *arguments = shlex.split(command)
     assert (name, arguments[:4]) == ("spinbench", ["sweep", str(bench), "--continue", folder.name])
-    result = run(*arguments, "--no-page")
+    result = run(*arguments)
     assert result.returncode == 0, result.stderr
     child = read_run(Path(result.stdout.partition(": ")[0]))
     assert (child.start.parent, child.start.motor_serial, child.start.note) == (folder.name, "A-17", '"new" <b>seals')

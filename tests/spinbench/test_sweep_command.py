@@ -77,7 +77,7 @@ def test_what_takes_long_before_a_run_is_shown_while_it_is_done(monkeypatch, tmp
         yield
 
     def no_bench(*arguments, **more):
-        assert shown == ["starting the virtual bench"]
+        assert shown == ["reading virtual", "starting the virtual bench"]
         raise VirtualBenchError("it is not there")
 
     monkeypatch.setattr(sweep, "waiting", waiting)
