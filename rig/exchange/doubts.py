@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.exchange.cells import Cell
-from rig.exchange.headings import read_heading
 from rig.exchange.mapping import MappingFile
 from rig.exchange.tables import Table
 from rig.recording.columns import PRESSURE
+from rig.recording.headings import read_heading
 from rig.recording.mistakes import shown
 from rig.recording.units import unit_called
 
@@ -86,6 +86,13 @@ def numbers_in_doubt(cells: Sequence[str | float | None], values: NDArray[np.flo
     return [*_thousands([cell.strip() for cell in cells if isinstance(cell, str)], decimal), *_stand_ins(cells, values)]
 
 
+def in_thousands(cell: str, decimal: str) -> bool:
+    """Whether a cell is a number whose thousands are parted by a mark that is not the decimal one: 1,602.2."""
+    mark = "[.' \u00a0\u202f\u2019]" if decimal == "," else "[,' \u00a0\u202f\u2019]"
+    number = rf"\s*[<>]?\s*[+-]?[0-9]{{1,3}}(?:{mark}[0-9]{{3}})+(?:{re.escape(decimal)}[0-9]+)?\s*"
+    return re.fullmatch(number, cell, re.ASCII) is not None
+
+
 def _thousands(cells: Sequence[str], decimal: str) -> list[str]:
     """Where the decimal mark seems to part thousands: three digits behind it in all numbers that have one.
 
@@ -93,8 +100,8 @@ def _thousands(cells: Sequence[str], decimal: str) -> list[str]:
     """
     whole = [cell for cell in cells if cell.isdigit()]
     parted = [cell for cell in cells if decimal in cell]
-    in_thousands = re.compile(rf"[1-9][0-9]{{0,2}}{re.escape(decimal)}[0-9]{{3}}", re.ASCII)
-    if not whole or not parted or not all(map(in_thousands.fullmatch, parted)):
+    parting = re.compile(rf"[1-9][0-9]{{0,2}}{re.escape(decimal)}[0-9]{{3}}", re.ASCII)
+    if not whole or not parted or not all(map(parting.fullmatch, parted)):
         return []
     most = max(map(float, whole))
     if most < max(LEAST_IN_FULL, *(float(cell.replace(decimal, ".")) for cell in parted)):

@@ -9,6 +9,7 @@ docs/recording.md tells a person how to write one.
     units       units that others write: spellings, factors, and what to do with the numbers
     schema      recording.toml, key by key, the inline motors included
     header      the first line of a CSV file, and what each kind of file has to hold
+    headings    what a heading that others write says: quantity and unit
     table       the rows of a CSV file, in bounded memory: its lines, and the cells of a column
     origin      when it was taken, and of which run it is
     mistakes    so that one error names them all

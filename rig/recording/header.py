@@ -6,7 +6,9 @@ from typing import Any
 
 from rig.recording.columns import MEASURED, NAMES, PRESSURE, nearest, other_spelling, siblings
 from rig.recording.contents import Kind
+from rig.recording.headings import plainly_named, read_heading
 from rig.recording.mistakes import Mistakes, shown
+from rig.recording.units import UNITS, advice
 
 MAX_COLUMNS = 256
 _MOTION = ("speed_rpm", "flow_l_min")
@@ -68,11 +70,37 @@ def check_names(names: list[str], needed: tuple[tuple[str, ...], ...], place: st
         if spelling is not None and not set(siblings(name)) & set(names):
             mistakes.add(header, f"column '{shown(name)}': expected {spelling[0]} ({spelling[1]})")
             renamed |= set(siblings(name))
+        elif (columns := _meant(name, needed)) and not columns & set(names):
+            mistakes.add(header, _looks_like(name, columns))
+            renamed |= columns
     for group in needed:
         if not set(group) & (set(names) | renamed):
             near = next((name for name in unknown(names) if nearest(name, group)), None)
             meant = f"; is '{shown(near)}' meant? Rename it" if near else "; add it"
             mistakes.add(header, f"no column {_listed(group)}, which this file needs{meant}")
+
+
+def _meant(name: str, needed: tuple[tuple[str, ...], ...]) -> set[str]:
+    """The columns that a heading plainly says it is, of those that a file may need or that order and mark its rows.
+
+    The air's temperature is no such: a heading does not tell which one of several it is.
+    """
+    said = plainly_named(name)
+    columns = set(PRESSURE) if said == "pressure" else {said}
+    asked = {column for group in needed for column in group} - {"inlet_temperature_c"}
+    return columns & (asked | {"time_s", "rotor_locked"})
+
+
+def _looks_like(name: str, meant: set[str]) -> str:
+    """What to do with a column whose heading says that it is one of a recording's."""
+    heading = read_heading(name)
+    unit = UNITS.get(heading.unit) or UNITS.get(f"{heading.unit} abs")
+    numbers = f" ({advice(unit)})" if unit else ""
+    likely = meant & {PRESSURE[not heading.is_absolute]} if heading.is_absolute is not None else meant
+    return (
+        f"column '{shown(name)}' looks like {' or '.join(sorted(likely or meant))}; rename it{numbers}, or let its "
+        "name say what else it is; or import the file: spinbench runs import FILE --guess"
+    )
 
 
 def unknown(names: list[str]) -> list[str]:

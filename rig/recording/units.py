@@ -88,7 +88,7 @@ _SAME = {
     "cfm": ("ft3/min", "ft^3/min"),
     "scfm": ("std cfm", "standard cfm", "std ft3/min", "sft3/min"),
     "rpm": ("1/min", "u/min", "min-1", "min^-1", "rev/min", "r/min", "upm"),
-    "rev/s": ("u/s", "rps", "r/s"),
+    "rev/s": ("u/s", "rps", "r/s", "1/s", "s-1", "s^-1"),
     "deg/s": ("°/s",),
     "degC": ("°c", "celsius", "grad c"),
     "degF": ("°f",),

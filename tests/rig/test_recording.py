@@ -208,6 +208,12 @@ def test_unknown_columns_are_kept_as_text_and_named(tmp_path):
     assert any("'note'" in text and "did you mean 'speed_rpm'" in text for text in recording.warnings)
 
 
+def test_a_heading_that_may_be_another_thing_is_an_unknown_column(tmp_path):
+    more = "n_samples,speed_set,timestamp,T_oil [°C],valve in %"
+    file = sweep_of(tmp_path, f"pressure_bar_abs,flow_l_min,{more}\n1.6,44,3,5,2026-05-01,40,7\n", SHORT)
+    assert list(file.extra) == more.split(",")
+
+
 def test_another_unit_beside_the_known_column_is_only_an_unknown_column(tmp_path):
     file = sweep_of(tmp_path, HEADER.strip() + ",speed_rad_s\n1.6,44,232.3,24.3\n")
     assert list(file.extra) == ["speed_rad_s"]
@@ -297,6 +303,14 @@ BAD_TABLES = {
         SHORT,
         ["'pressure_bar'", "pressure_bar_abs or pressure_bar_gauge", "say whether"],
     ),
+    "revolutions": (
+        "pressure_bar_abs,flow_l_min,n [1/min]\n1.6,44,232\n",
+        SHORT,
+        ["header: column 'n [1/min]' looks like speed_rpm; rename it (the numbers stay)", "runs import FILE --guess"],
+    ),
+    "hertz": ("Druck (bar ü),flow_l_min,n [1/s]\n1.6,44,4\n", SHORT, ["pressure_bar_gauge; rename", "multiply by 60"]),
+    "other_flow": ("pressure_bar_abs,speed_rpm,Q [l/min]\n1.6,9,1\n", SHORT, ["'Q [l/min]' looks like flow_l_min"]),
+    "other_time": ("Zeit,pressure_bar_abs,speed_rpm\n1,1.6,9\n", SHORT, ["'Zeit' looks like time_s"]),
     "radians": ("pressure_bar_abs,speed_rad_s\n1.6,24\n", SHORT, ["'speed_rad_s'", "speed_rpm", "multiply by 9.5493"]),
     "cubic_metres": (
         "pressure_bar_abs,flow_m3_h\n1.6,3\n",

@@ -1,4 +1,4 @@
-"""What a heading says of its column: words of a quantity, and a unit."""
+"""What a heading that others write says of its column: words of a quantity, and a unit."""
 
 from __future__ import annotations
 
@@ -24,6 +24,13 @@ WORDS = {
 }
 ABSOLUTE, GAUGE = ("abs", "absolute", "absolut", "absolutdruck"), ("gauge", "rel", "relative", "überdruck", "gage")
 INLET = ("inlet", "in", "eintritt", "einlass", "zuluft")
+# Words that say no more than that a quantity was measured at this motor.
+_MORE = {
+    "measured", "meas", "actual", "ist", "mean", "avg", "average", "mittel", "mittelwert", "motor", "rotor",
+    "shaft", "welle", "inlet", "in", "eintritt", "air", "luft", "supply", "volume", "rate", "line", "value",
+    "wert", "abs", "absolute", "gauge", "rel",
+}  # fmt: skip
+_ELAPSED = {"time", "zeit", "elapsed"}  # a clock's time, such as a timestamp's, may be a note
 _NO_UNIT_AT_THE_END = {"in", "rev", "m"}  # P_in, rev: words as well
 _BRACKETS = (
     re.compile(r"(.*?)\s*\[([^\[\]]{1,20})\]\s*(.*)"),
@@ -67,6 +74,26 @@ def read_heading(text: str, stated_unit: str = "") -> Heading:
     found = frozenset(re.findall(r"[^\W\d_]+", words.casefold()))
     by_unit = _columns_of(known)
     return Heading(known, "" if known else unknown, by_unit, _named_by(found, bool(by_unit)), found)
+
+
+def plainly_named(text: str) -> str:
+    """The quantity that a heading names and nothing beside it, as in `WORDS`; empty where it may be another thing.
+
+    `n [1/min]`, `rpm` and `Drehzahl` are speeds; `n_samples`, `speed_set` and `flow in %` may be anything.
+    """
+    heading, is_unit = read_heading(text), len(text) > 1 and bool(unit_called(text))
+    name = next(iter(heading.by_unit or heading.by_words), "")
+    if not name or heading.unknown_unit or "%" in text:
+        return ""
+    if is_unit:
+        return "" if name == "time_s" or heading.unit == "Hz" else name
+    if name == "time_s" and not heading.words & ({"t", *_ELAPSED} if heading.unit else _ELAPSED):
+        return ""
+    return name if all(word in _MORE or _says(word, name) for word in heading.words) else ""
+
+
+def _says(word: str, name: str) -> bool:
+    return any(word == one or (len(one) >= 4 and one in word) for one in WORDS[name])
 
 
 def _parted(text: str) -> tuple[str, str, str]:
