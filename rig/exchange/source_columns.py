@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.exchange.cells import DAY_S, Cell, iso
-from rig.exchange.doubts import numbers_in_doubt
+from rig.exchange.doubts import in_thousands, numbers_in_doubt
 from rig.exchange.mapping import ColumnTable
 from rig.exchange.tables import Table
 from rig.exchange.units import unit_of
@@ -96,10 +96,20 @@ def _values(
     for index, cell in enumerate(cells):
         found = read(cell if cell is not None else "")
         if found is None or (found[1] and name not in MEASURED):
-            expected = "a number" if not of_day else f"a time ({source.unit})"
-            raise RunError(f"{where(index)}: '{shown(str(cell))}' is not {expected}, decimals with '{reads.decimal}'")
+            raise RunError(f"{where(index)}: '{shown(str(cell))}' {_why_not(str(cell), reads, of_day, source.unit)}")
         values[index], censor[index] = found
     return values, censor
+
+
+def _why_not(cell: str, reads: Cell, of_day: bool, unit: str) -> str:
+    """Why a cell cannot be read, and what to do."""
+    what = f"is not a time ({unit})" if of_day else f"is not a number, decimals with '{reads.decimal}'"
+    if not of_day and in_thousands(cell, reads.decimal):
+        return f"{what}: its other marks part thousands; take them out, in a copy of the file"
+    if not any(letter.isdigit() for letter in cell):
+        is_mark = "" if of_day else '; where it stands for no reading, name it in [table] invalid = ["..."]'
+        return f"{what}; where its row is no reading, take the others with rows = [first, last] in [[files]]{is_mark}"
+    return what
 
 
 def _refuse_dates(

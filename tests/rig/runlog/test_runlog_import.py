@@ -146,10 +146,11 @@ def test_a_mapping_that_leaves_something_open_is_refused(put, old, new, words):
     ("old", "new", "words"),
     [
         ("2,64", "2.64", r"data.csv, line 2, column 'Durchfluss': '2.64' is not a number, decimals with ','"),
-        ("28,578", "fast", r"data.csv, line 3, column 'Drehzahl': 'fast' is not a number"),
+        ("28,578", "fast", r"data.csv, line 3, column 'Drehzahl': 'fast' is not a number.* rows = \[first, last\]"),
+        ("2,64", "1.002,64", r"'1.002,64' is not a number, decimals with ',': its other marks part thousands; take"),
         ("Drehzahl", "Speed", r"no column is called 'Drehzahl'; there are 'Druck', 'Durchfluss', 'Speed'"),
         ("58,7;", "58,7;1;", r"data.csv, line 2: 4 cells, expected 3; is the delimiter right\?"),
-        ("Durchfluss", "Druck", r"2 columns are called 'Druck'; give the place of one"),
+        ("Durchfluss", "Druck", r"2 columns are called 'Druck'; give the place of one: column = 1 or 2"),
     ],
 )
 def test_a_cell_that_is_not_what_the_mapping_says_is_refused_with_its_place(imported, old, new, words):
@@ -595,6 +596,11 @@ def test_what_is_no_time_is_refused_with_its_place(columns_of, name):
     unit, cell = NO_TIMES[name]
     with pytest.raises(RunError, match=r"data.csv, line 3, column 't'.* is not a time"):
         columns_of(f"t;P;n\n{TIMES_BEFORE[unit]};2,0;397\n{cell};2,1;398\n", SIMPLE + CLOCKED.format(unit))
+
+
+def test_a_mean_below_the_rows_is_refused_with_how_to_leave_it_out(columns_of):
+    with pytest.raises(RunError, match=r"line 3.*'Mittelwert' is not a time .*rows = \[first, last\] in \[\[files\]\]"):
+        columns_of("t;P;n\n00:00:01;2,0;397\nMittelwert;2,1;398\n", SIMPLE + CLOCKED.format("hh:mm:ss"))
 
 
 TIMES_BEFORE = {"hh:mm:ss": "00:00:01", "D.M.Y h:m:s": "01.01.2023 00:00:00", "Excel days": "45291,5"}
