@@ -82,7 +82,11 @@ class Table:
         if len(found) == 1:
             return found[0]
         if found:
-            raise RunError(f"{self.place}: {len(found)} columns are called '{shown(key)}'; give the place of one")
+            places = " or ".join(str(at + 1) for at in found[:9])
+            raise RunError(
+                f"{self.place}: {len(found)} columns are called '{shown(key)}'; "
+                f"give the place of one: column = {places}"
+            )
         listed = ", ".join(f"'{shown(heading)}'" for heading in self.headings[:40]) or "the file has no headings"
         raise RunError(f"{self.place}: no column is called '{shown(key)}'; there are {listed}{self.hint}")
 
@@ -105,7 +109,7 @@ def read_table(
     if table.reader == "csv":
         return _csv(path, table, taken)
     if table.reader == "xlsx":
-        return _xlsx(path, table, sheet or table.sheet)
+        return _xlsx(path, table, sheet or table.sheet, taken)
     found = read_apart(table.reader, path, group or table.group, wanted)
     lines = range(1, len(found.columns[0]) + 1)
     return Table(
@@ -226,7 +230,7 @@ def _of_rows(
     return Table(place, headings, columns, [number for number, _ in data], short, units=units, hint=hint)
 
 
-def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
+def _xlsx(path: Path, table: TableTable, sheet: str, taken: Sequence[int] | None) -> Table:
     one, begin = read_sheet(path, sheet), table.heading_line
     rows = one.rows
     headings = rows[begin - 1] if 0 < begin <= len(rows) else []
@@ -234,6 +238,7 @@ def _xlsx(path: Path, table: TableTable, sheet: str) -> Table:
     numbered = list(enumerate(rows, start=1))[first - 1 :]
     found = _of_rows(f"{path}, sheet '{shown(sheet)}'", headings, numbered, first, table)
     found = _with_units(found, rows[begin : first - 1] if begin else [])
-    lines = set(found.lines)
+    begin, end = taken or (1, len(found.lines))
+    lines = set(found.lines[begin - 1 : end])
     remarks = [f"{found.place}, line {at}: {words}" for at, words in one.remarks if at in lines]
     return replace(found, remarks=remarks, dated=one.dated)

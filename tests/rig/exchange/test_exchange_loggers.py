@@ -372,6 +372,14 @@ def test_a_formula_over_several_rows_is_told(taken):
     assert "line 3: the formula 'AVERAGE(A$1:A2)' takes several rows" in told
 
 
+def test_a_formula_below_the_rows_that_are_taken_is_not_told(taken):
+    head = XLSX.replace('kind = "steady"\n', "")
+    formula = '<c r="A3"><f>AVERAGE(A$1:A2)</f><v>2.0</v></c>'
+    part = '[[files]]\nfile = "data.xlsx"\nkind = "steady"\nrows = [1, 1]\n'
+    found, told = taken(sheet(formula), SIMPLE + part, head, "data.xlsx")
+    assert (len(found["pressure_bar_abs"]), "formula" in told) == (1, False)
+
+
 STYLES = (
     '<styleSheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><numFmts>'
     '<numFmt numFmtId="164" formatCode="{}"/></numFmts><cellXfs><xf numFmtId="0"/><xf numFmtId="{}"/></cellXfs>'
