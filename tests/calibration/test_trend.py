@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -75,7 +76,7 @@ def test_effects_that_are_named_have_their_trend_and_what_is_unresolved_has_none
     assert [len(one.figures) for one in found.values()] == [3, 2]
     line = found["f_overall"].line
     assert line is not None and line.slope == pytest.approx(0.012 / 120.0 * 30.4375, rel=0.02)
-    assert "a month" in trend.sentence(found["f_overall"])
+    assert re.search(r" N m s \(\+\d+\.\d %\) a month, over 3 recordings", trend.sentence(found["f_overall"]))
     table = list(csv.DictReader(trend.table(rows).decode().splitlines()))
     assert [row["date"] for row in table] == ["2026-01-01", "2026-03-01", "2026-05-01", "2026-06-01"]
     assert [row["leakage.conductance_kg_s_pa2_mean"] for row in table] == ["", "2e-14", "4e-14", ""]

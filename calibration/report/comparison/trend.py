@@ -144,8 +144,10 @@ def sentence(trend: Trend) -> str:
     slope = quantity(line.slope, line.slope_sd, trend.unit, trend.parameter)
     far = abs(line.slope) / line.slope_sd
     level = float(np.average(line.value))
-    share = f", {100.0 * line.slope / level:+.1f} %".replace("-", "−") if level and not trend.effect else ""
-    said = f"{trend.title}: {slope} {trend.per}{share} over {n} recordings{when}; {far:.1f} standard deviations from 0."
+    share = f" ({100.0 * line.slope / level:+.1f} %)".replace("-", "−") if level and not trend.effect else ""
+    said = (
+        f"{trend.title}: {slope}{share} {trend.per}, over {n} recordings{when}; {far:.1f} standard deviations from 0."
+    )
     if n == 2:
         return said
     p = p_in_words(line.scatter_p)
