@@ -35,11 +35,9 @@ def diagnose(
     scheduler: options.SchedulerOption = None,
 ) -> None:
     """Diagnose many recordings into one table; exit code 2 when some could not be."""
-    from calibration import fleet
-
     _need_packages(scheduler)
     check_places(out, None)
-    found = fleet.recordings_in(recordings, readings.is_recording)
+    found = _recordings_in(recordings)
     rows = _diagnosed(found, seed, out, workers, scheduler)
     shown = [(str(row["recording"]), row["verdict"], " + ".join(row["effects"] or [])) for row in rows]
     _tell(("recording", "verdict", "effects"), shown, rows, out)
@@ -62,7 +60,7 @@ def fit(
 
     _need_packages(scheduler)
     check_places(out, None)
-    found = fleet.recordings_in(recordings, readings.is_recording)
+    found = _recordings_in(recordings)
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     processes = workers or os.cpu_count() or 1
     with bars() as begin:
@@ -95,7 +93,7 @@ def trend(
 
     _need_packages(scheduler)
     check_places(out, None)
-    found = fleet.recordings_in(recordings, readings.is_recording)
+    found = _recordings_in(recordings)
     swept = [one for one in found if readings.is_swept(one)]
     if len(swept) < len(found):
         remark(f"passed over: {len(found) - len(swept)} runs that are no sweeps")
@@ -118,6 +116,22 @@ def trend(
     if not said:
         remark("no two recordings of one motor can be compared")
         raise typer.Exit(UNUSABLE_INPUT)
+
+
+def _recordings_in(folders: Sequence[Path]) -> list[Path]:
+    """The recordings that folders are or hold; the other folders beside them are told."""
+    from calibration import fleet
+
+    found = fleet.recordings_in(folders, readings.is_recording)
+    for folder in folders:
+        inside = [] if readings.is_recording(folder) else sorted(one for one in folder.iterdir() if one.is_dir())
+        over = [one.name for one in inside if not one.name.startswith(".") and not readings.is_recording(one)]
+        more = f" and {len(over) - 5} more" * (len(over) > 5)
+        names = ", ".join(over[:5])
+        remark(
+            *[f"passed over in {folder}: {names}{more}: no recordings or runs; name folders below them"] * bool(over)
+        )
+    return found
 
 
 def _diagnosed(

@@ -91,6 +91,13 @@ def test_a_run_without_its_beginning_is_found_and_refused(tmp_path):
         readings.read_of_many(run)
 
 
+def test_folders_that_are_no_recordings_are_named(tmp_path, spinbench_here):
+    damage(run_in(tmp_path / "fleet", "cut") / "samples.csv", slice(-400, None))
+    (tmp_path / "fleet" / "month" / "day").mkdir(parents=True)
+    told = spinbench_here("many", "fit", "fleet", "-o", "out", cwd=tmp_path).stderr.splitlines()
+    assert "spinbench: passed over in fleet: month: no recordings or runs; name folders below them" in told
+
+
 def test_remarks_on_one_of_many_name_it(tmp_path, capsys):
     """The bytes on the wire are no readings: without their end the run is read, with a remark."""
     run = run_in(tmp_path, "no_bytes")
