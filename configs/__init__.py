@@ -254,7 +254,7 @@ def _value_schema(annotation: Any) -> Any:
 
 
 def close_to(word: str, known: Iterable[str]) -> str:
-    """The name that a misspelt one may be meant for: nearly the same, or the only one that it begins, or begins with.
+    """The name that a misspelt one may be meant for: the only one that it begins, or begins with, or nearly the same.
 
     Empty where none is close.
     """
@@ -263,7 +263,7 @@ def close_to(word: str, known: Iterable[str]) -> str:
     begun = [
         name for name in names if min(len(name), len(word)) > 2 and (name.startswith(word) or word.startswith(name))
     ]
-    return near[0] if near else begun[0] if len(begun) == 1 else ""
+    return begun[0] if len(begun) == 1 else near[0] if near else ""
 
 
 def _nearest(word: str, known: list[str]) -> str:

@@ -19,7 +19,7 @@ from rig.recording.contents import Ambient, Channel, Recording, RecordingError, 
 from rig.recording.folder import RefusedError, check_plain, inside, open_plain
 from rig.recording.header import needed_columns, unknown_warning
 from rig.recording.mistakes import Mistakes, shown
-from rig.recording.origin import NOT_ISO, parsed
+from rig.recording.origin import NOT_ISO, mistake_in
 from rig.recording.schema import (
     FileTable,
     RecordingTable,
@@ -203,8 +203,9 @@ def _assembled(
     warnings = default_warnings(channels)
     if table.ambient.pressure_bar_abs is None and columns & set(PRESSURE):
         warnings.append("[ambient] leaves out pressure_bar_abs (taken: the motor's default and its prior)")
-    if table.origin.date and parsed(table.origin.date) is None:
-        warnings.append(f"[origin] date '{shown(table.origin.date)}' {NOT_ISO}; it counts as not stated")
+    if table.origin.date and (wrong := mistake_in(table.origin.date)):
+        counts = "; it counts as not stated" if wrong == NOT_ISO else "; correct it, or results stand in a wrong order"
+        warnings.append(f"[origin] date '{shown(table.origin.date)}' {wrong}{counts}")
     files = []
     for entry, found in zip(table.files, tables, strict=True):
         warnings += unknown_warning(found.names, entry.file, kept=bool(found.extra))

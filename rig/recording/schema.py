@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from datetime import date, time
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, field_validator, model_validator
 
 import configs
 from configs import FOLDER, ConfigError, Strict, validate
@@ -16,12 +17,20 @@ from rig.recording.mistakes import Mistakes, shown
 
 FORMAT = "recording/1"
 NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
+Inertia = Annotated[float, Field(ge=0.0, le=100.0)]  # of a flywheel; a bench file has the same bound
 Positive = Annotated[float, Field(gt=0.0, le=1e9)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e4)]
 PositiveSeconds = Annotated[float, Field(gt=0.0, le=1e4)]
 MOST_TEXT = 2000
-Text = Annotated[str, Field(min_length=1, max_length=MOST_TEXT)]
+Text = Annotated[str, BeforeValidator(lambda value: _in_quotes(value)), Field(min_length=1, max_length=MOST_TEXT)]
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+
+
+def _in_quotes(value: Any) -> Any:
+    """A value of a text's key. Raises ValueError where it is a number or a date, which quotes make a text."""
+    if isinstance(value, date | time | int | float):
+        raise ValueError(f'is not in quotes; write "{value}"')
+    return value
 
 
 def _check_pair(table: Strict, value: str, deviation: str) -> None:
@@ -118,13 +127,13 @@ class FileTable(Strict):
     kind: Kind
     start_s: Annotated[float, Field(ge=-1e12, le=1e12)] = 0.0
     noise_scale: Positive = 1.0
-    added_inertia_kg_m2: NotNegative = 0.0
+    added_inertia_kg_m2: Inertia = 0.0
 
 
 class RigTable(Strict):
     """[rig]: what was mounted on the shaft."""
 
-    added_inertia_kg_m2: NotNegative = 0.0
+    added_inertia_kg_m2: Inertia = 0.0
 
 
 class RecordingTable(Strict):

@@ -41,6 +41,11 @@ def test_a_recording_with_such_a_date_stays_readable_and_says_so(dated):
     assert "'14.05.2026' is not ISO 8601" in words and "counts as not stated" in words
 
 
+def test_a_recording_with_a_date_to_come_says_so(dated):
+    stated = (date.today() + timedelta(days=2)).isoformat()
+    assert any(f"'{stated}' is still to come" in one for one in read_recording(dated(Mai=stated) / "Mai").warnings)
+
+
 @pytest.mark.parametrize(
     ("stated", "says"),
     [("28.05.2026", "not ISO 8601"), ((date.today() + timedelta(days=2)).isoformat(), "still to come")],
