@@ -11,6 +11,7 @@ from rig.recording.mistakes import Mistakes, shown
 from rig.recording.units import UNITS, advice
 
 MAX_COLUMNS = 256
+_TITLE_LINES = 50  # that may stand above the names
 _MOTION = ("speed_rpm", "flow_l_min")
 _NEEDS = {
     "radial_piston": (PRESSURE, _MOTION),
@@ -33,6 +34,17 @@ def needed_columns(kind: Kind, motor: str | dict[str, Any]) -> tuple[tuple[str, 
         name = "sliding_axis" if "mass_kg" in motor else "turning_axis"
     groups = _NEEDS.get(name, (MEASURED,))
     return (("time_s",), *groups) if kind == "transient" else groups
+
+
+def names_below(first: list[str], rows: list[list[str]]) -> int | None:
+    """The line, from 1, of the column names where the first line holds none of them and a later one several.
+
+    `first`, `rows`: the cells of the first line, and of those behind it.
+    """
+    if set(first) & set(NAMES):
+        return None
+    below = (len({cell.strip() for cell in row} & set(NAMES)) for row in rows[:_TITLE_LINES])
+    return next((line for line, count in enumerate(below, start=2) if count > 1), None)
 
 
 def check_separator(names: list[str], place: str, mistakes: Mistakes) -> bool:

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from rig.recording.cells import Numbers, numbers, words
 from rig.recording.columns import FLAGS, MEASURED, NUMERIC
 from rig.recording.contents import Column, Kind
-from rig.recording.header import check_names, check_separator, unknown
+from rig.recording.header import check_names, check_separator, names_below, unknown
 from rig.recording.lines import Block, UnreadableError, blocks
 from rig.recording.mistakes import SHOWN_MISTAKES, Mistakes, shown
 
 EXTRA_BYTES = 20_000_000  # unknown columns of a larger file are not kept: as text they would cost ten times its size
 MAX_STEADY_ROWS = 100_000
+FALLING = 3  # rows whose times fall are in reverse order
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,10 @@ def _start(block: Block, plan: Plan, place: str, mistakes: Mistakes) -> _Reading
         return None
     names = [name.strip() for name in block.rows.pop(0)]
     block.first = 1
+    lower = names_below(names, block.rows)
+    if lower is not None:
+        mistakes.add(f"{place}, header", f"the column names stand in line {lower}; take out the lines above them")
+        return None
     if not names:
         mistakes.add(f"{place}, header", "the first line is blank; put the column names there")
         return None
@@ -102,6 +107,7 @@ class _Reading:
         self.directions: list[NDArray[np.str_]] = []
         self.extra: dict[str, list[str]] = {name: [] for name in unknown(names)} if plan.keep_extra else {}
         self.last_time = -np.inf
+        self.is_reversed = False
 
     def is_too_long(self) -> bool:
         """Whether a steady file has more rows than plateaus can be; noted as a mistake."""
@@ -152,17 +158,17 @@ class _Reading:
         broken = dict(block.broken)
         whole, kept = [], []
         for number, row in zip(row_numbers, block.rows, strict=True):
-            if number in broken:
-                self.mistakes.add(f"{self.place}, row {number}", broken[number])
-            elif not row:
+            if not row and number not in broken:
                 self.blank.append(number)
                 continue
+            self._note_blank()
+            if number in broken:
+                self.mistakes.add(f"{self.place}, row {number}", broken[number])
             elif len(row) != width:
                 self._note_ragged(number, row)
             else:
                 whole.append(row)
                 kept.append(number)
-            self._note_blank()
         return whole, kept
 
     def _note_ragged(self, number: int, row: list[str]) -> None:
@@ -208,7 +214,12 @@ class _Reading:
 
     def _note_times(self, times: NDArray[np.float64], cells: Sequence[str], row_numbers: Sequence[int]) -> None:
         """A transient's times have to be there, and to increase, across stretches too."""
-        if self.plan.kind != "transient":
+        if self.plan.kind != "transient" or self.is_reversed:
+            return
+        if self.last_time == -np.inf and times.size >= FALLING and (np.diff(times) < 0.0).all():
+            self.is_reversed = True
+            what = "the times fall throughout, and a transient's increase; reverse the order of the rows"
+            self.mistakes.add(f"{self.place}, column time_s", what)
             return
         not_later = times <= np.concatenate(([self.last_time], times[:-1]))
         what = "not later than the row before; a transient's times increase, take the row out or correct it"

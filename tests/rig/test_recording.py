@@ -311,6 +311,9 @@ BAD_TABLES = {
     "hertz": ("Druck (bar ü),flow_l_min,n [1/s]\n1.6,44,4\n", SHORT, ["pressure_bar_gauge; rename", "multiply by 60"]),
     "other_flow": ("pressure_bar_abs,speed_rpm,Q [l/min]\n1.6,9,1\n", SHORT, ["'Q [l/min]' looks like flow_l_min"]),
     "other_time": ("Zeit,pressure_bar_abs,speed_rpm\n1,1.6,9\n", SHORT, ["'Zeit' looks like time_s"]),
+    "title": ("Bench 2\n\n" + SWEEP, TOML, ["header: the column names stand in line 3; take out the lines above"]),
+    "comment": ("# my bench\n" + SWEEP, TOML, ["header: the column names stand in line 2"]),
+    "reversed": (TIMED + "3,2,1\n2,2,2\n1,2,3\n", "transient", ["column time_s: the times fall throughout", "reverse"]),
     "radians": ("pressure_bar_abs,speed_rad_s\n1.6,24\n", SHORT, ["'speed_rad_s'", "speed_rpm", "multiply by 9.5493"]),
     "cubic_metres": (
         "pressure_bar_abs,flow_m3_h\n1.6,3\n",
@@ -365,7 +368,7 @@ BAD_TABLES = {
     ),
     "empty": ("", TOML, ["the file is empty", "write a header"]),
     "header_only": (HEADER, TOML, ["a header and no rows", "write at least one row"]),
-    "blank_header": ("\n" + SWEEP, TOML, ["header", "blank", "put the column names there"]),
+    "blank_header": ("\n" + SWEEP, TOML, ["header", "the column names stand in line 2"]),
     "no_header": ("1.6,44,232\n1.8,54,313\n", TOML, ["header", "holds numbers", "put the column names"]),
     "no_samples": (HEADER + ",44,232\n,54,313\n", TOML, ["column pressure_bar_abs", "every cell is empty"]),
     "double_time": (TIMED + "0,2,1\n1,2,2\n1,2,3\n", "transient", ["row 3, column time_s", "'1'", "not later"]),
@@ -459,7 +462,10 @@ BAD_TOML = {
         for key in ("pitch_error_sd", "window_s", "lag_s")
     },
     "origin_key": (TOML + '[origin]\noperater = "me"\n', ["origin.operater", "did you mean 'operator'"]),
-    "origin_number": (TOML + "[origin]\nmotor_serial = 3600\n", ["origin.motor_serial", "string", "3600"]),
+    "origin_number": (TOML + "[origin]\nmotor_serial = 3600\n", ["origin.motor_serial", 'write "3600"']),
+    "origin_date": (TOML + "[origin]\ndate = 2026-05-14\n", ["'origin.date': is not in quotes", '"2026-05-14"']),
+    "ambient_unsaid": (TOML + "[ambient]\npressure_bar = 1.0\n", ["did you mean 'pressure_bar_abs'"]),
+    "huge_flywheel": (TOML + "[rig]\nadded_inertia_kg_m2 = 5000\n", ["added_inertia_kg_m2", "equal to 100"]),
     "noise_scale": (
         TOML + "noise_scale = 0.0\n",
         ["'noise_scale' in [[files]] entry 1 (file = 'sweep.csv')", "greater than 0"],
