@@ -9,6 +9,7 @@ from itertools import pairwise
 
 from rig.exchange.binary.columns import WAVEFORM_TIME
 from rig.exchange.cells import DAY_S, Cell
+from rig.exchange.doubts import in_thousands
 from rig.exchange.guess.layout import DATE, TIME_OF_DAY
 from rig.exchange.guess.look import Key, Seen, Source
 from rig.exchange.units import known_units
@@ -66,14 +67,19 @@ def _is_outdone(one: Proposed, found: Sequence[Proposed], has_clock: bool) -> bo
 
 def _of_dates(source: Source) -> tuple[list[Proposed], set[Key]]:
     """Columns of dates and times of day as the time; a date beside a time of day with it."""
-    kinds = {column.key: kind_of(column.cells) for column in source.columns}
+    kinds = {column.key: kind_of(_without_words(column.cells)) for column in source.columns}
     dates = [column for column in source.columns if kinds[column.key] == DATES_ALONE]
     found, used = [], set()
     for column in (column for column in source.columns if kinds[column.key] == TIMES):
-        cells, key, note = column.cells, column.key, _called(column)
+        cells, key, note = _without_words(column.cells), column.key, _called(column)
+        words = sorted({str(cell) for cell in column.cells} - {str(cell) for cell in cells})
+        also = [
+            f"; '{shown(word)}' is none: leave its row out, with rows = [first, last] in [[files]]" for word in words
+        ]
         used.add(column.key)
         if len(dates) == 1 and units_of(cells, source.reads) == ["hh:mm:ss"]:
-            cells = [f"{date} {time}" for date, time in zip(dates[0].cells, cells, strict=True)]
+            days = _without_words(dates[0].cells)
+            cells = [f"{day} {time}" for day, time in zip(days, cells, strict=True)]
             key, note = [dates[0].key, column.key], f"{_called(dates[0])} and {note}"  # type: ignore[assignment]
             used.add(dates[0].key)
         units = units_of(cells, source.reads)
@@ -81,7 +87,9 @@ def _of_dates(source: Source) -> tuple[list[Proposed], set[Key]]:
         doubt = doubt_of(units, first)
         unit = " or ".join(unit for unit in units if unit in DATED) if doubt else units[0] if units else ""
         keys = {"column": key, "unit": unit}
-        found.append(Proposed("time_s", keys, (doubt,) if doubt else (), f"{note}: such as '{shown(first)}'"))
+        found.append(
+            Proposed("time_s", keys, (doubt,) if doubt else (), f"{note}: such as '{shown(first)}'{''.join(also[:3])}")
+        )
     return found, used
 
 
@@ -156,7 +164,11 @@ def _range(column: Seen, source: Source) -> str:
     numbers = _numbers(column, source)
     if numbers:
         return f"{min(numbers):.6g} to {max(numbers):.6g} in the rows looked at"
-    return f"such as '{shown(next((str(cell) for cell in column.cells if str(cell).strip()), ''))}'"
+    first = next((str(cell) for cell in column.cells if str(cell).strip()), "")
+    parted = next((str(cell) for cell in column.cells if in_thousands(str(cell), source.reads.decimal)), "")
+    if parted:
+        return f"such as '{shown(parted)}', whose thousands are parted; take these marks out, in a copy of the file"
+    return f"such as '{shown(first)}'"
 
 
 def _excel_days(column: Seen, source: Source) -> bool:
@@ -185,6 +197,13 @@ def _in_conflict(found: Sequence[Proposed]) -> list[Proposed]:
         else one
         for one in found
     ]
+
+
+def _without_words(cells: Sequence[str | float]) -> list[str | float]:
+    """Cells with the few words among them made empty, such as that of a mean below them: those without a digit."""
+    filled = [cell for cell in cells if str(cell).strip()]
+    words = [cell for cell in filled if not any(map(str.isdigit, str(cell)))]
+    return ["" if cell in words else cell for cell in cells] if 2 * len(words) < len(filled) else list(cells)
 
 
 def kind_of(cells: Sequence[str | float]) -> str:

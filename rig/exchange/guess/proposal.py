@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -25,6 +26,8 @@ format = "{FORMAT}"
 # motor = "ptm3600"                # a name in configs/motors; of another rig a table [motor]
 # kind = "steady"                  # a row a plateau; or "transient": a row a sample; or "zero"
 """
+_COMMA = re.compile(r"\s*[+-]?[0-9]+,[0-9]+\s*", re.ASCII)
+_TEXT = "stored as text: turn them into numbers in the workbook"
 MOST_WORDS = 8
 MOST_UNKNOWN = 100  # columns that are listed
 AMBIENT = """
@@ -45,7 +48,10 @@ def propose(path: Path) -> str:
         parts.append(_column(Proposed("time_s", {}, ("no column is a time; a transient needs one",), "", _PERIOD)))
     if unknown:
         told = [*unknown[:MOST_UNKNOWN], *[f"and {len(unknown) - MOST_UNKNOWN} more"] * (len(unknown) > MOST_UNKNOWN)]
-        parts.append("\n# Not proposed, for nothing says what they are:\n" + "".join(f"#   {one}\n" for one in told))
+        parts.append(
+            "\n# Not proposed, for nothing says what they are, or their cells are no numbers:\n"
+            + "".join(f"#   {one}\n" for one in told)
+        )
     return "".join(parts)
 
 
@@ -67,6 +73,12 @@ def _table(source: Source) -> list[str]:
         lines = [f"{said.key} = {_toml(value)}" for value in said.values]
         parts += [_unsure([said.doubt], lines)] if said.doubt else [f"{line}\n" for line in lines]
     words = sorted({word for column in source.columns for word in _odd_words(column.cells, source)})
+    as_text = [word for column in source.columns for word in map(str, column.cells) if _COMMA.fullmatch(word)]
+    if source.reader == "xlsx" and as_text:
+        words = [word for word in words if word not in as_text]
+        parts.append(
+            f"# Look at this: '{shown(as_text[0])}' and others look like numbers with a decimal comma, {_TEXT}\n"
+        )
     if words:
         marks = [f"over_range = {_toml(words)}", f"invalid = {_toml(words)}"]
         parts.append(_unsure(["words among numbers; which say that the range ended, and which that it failed?"], marks))

@@ -83,6 +83,31 @@ def test_no_proposal_can_be_imported_before_a_person_has_read_it(proposed, tmp_p
         read_mapping(tmp_path / "map.toml")
 
 
+def test_a_column_of_times_with_a_word_below_it_is_one(proposed):
+    text = proposed(
+        "Zeit;n [1/s]\n14.05.2026 14:05:00;2,5\n14.05.2026 14:05:40;2,6\n14.05.2026 14:06:20;1\nMittel;2,5\n"
+    )
+    assert '\n[columns.time_s]\ncolumn = "Zeit"\nunit = "D.M.Y h:m:s"\n' in text
+    assert "'Mittel' is none: leave its row out" in text
+    assert '\n[columns.speed_rpm]\ncolumn = "n [1/s]"\nunit = "rev/s"\n' in text
+
+
+def test_numbers_with_marks_between_thousands_are_named(proposed):
+    text = proposed('n [rpm],Flow (l/h)\n145.0,"1,602.2"\n187.3,"2,019.7"\n')
+    assert "'Flow (l/h)': such as '1,602.2', whose thousands are parted; take these marks out" in text
+
+
+def test_numbers_that_a_workbook_stores_as_text_are_no_marks(proposed, tmp_path):
+    cells = "".join(f'<row r="{n}"><c r="A{n}"><v>2{n}.5</v></c><c r="B{n}"><v>9</v></c></row>' for n in (2, 3, 4))
+    text = '<row r="{0}"><c r="A{0}" t="inlineStr"><is><t>{1}</t></is></c><c r="B{0}"><v>9</v></c></row>'
+    headings = text.format(1, "Q [L/min]").replace("<v>9</v>", "<v>n</v>")
+    rows = f"{headings}{cells}{text.format(5, '33,66')}"
+    workbook(tmp_path / "made.xlsx", f"<worksheet MAIN><sheetData>{rows}</sheetData></worksheet>")
+    said = proposed((tmp_path / "made.xlsx").read_bytes(), "data.xlsx")
+    assert "'33,66' and others look like numbers with a decimal comma, stored as text" in said
+    assert "over_range" not in said
+
+
 UNSURE = {
     "Pressure [kPa]\n160.5": ("nothing says whether it is absolute or gauge", 'unit = "kPa gauge"'),
     "Pressure\n160.5": ("its unit is not said: one of bar abs, mbar abs", 'unit = ""'),

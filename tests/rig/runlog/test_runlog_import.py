@@ -598,6 +598,11 @@ def test_what_is_no_time_is_refused_with_its_place(columns_of, name):
         columns_of(f"t;P;n\n{TIMES_BEFORE[unit]};2,0;397\n{cell};2,1;398\n", SIMPLE + CLOCKED.format(unit))
 
 
+def test_a_decimal_comma_where_points_were_said_is_told(columns_of):
+    with pytest.raises(RunError, match=r"'397,5' is not a number.* it has a decimal comma; say decimal"):
+        columns_of("P;n\n2.0;397,5\n", SIMPLE, HEAD.replace('decimal = ","', 'decimal = "."'))
+
+
 def test_a_mean_below_the_rows_is_refused_with_how_to_leave_it_out(columns_of):
     with pytest.raises(RunError, match=r"line 3.*'Mittelwert' is not a time .*rows = \[first, last\] in \[\[files\]\]"):
         columns_of("t;P;n\n00:00:01;2,0;397\nMittelwert;2,1;398\n", SIMPLE + CLOCKED.format("hh:mm:ss"))
