@@ -183,7 +183,7 @@ def _ring(upper: Axes, lower: Axes, channel: Channel, one: Suspect, name_file: b
 
 
 def _density_panel(panel: Axes, posterior: Posterior) -> None:
-    unknown, values = posterior[numbers.TARGET].unknown, numbers.samples(posterior, numbers.TARGET)
+    unknown, values = posterior[numbers.TARGET].unknown, numbers.samples(posterior, numbers.TARGET)[0]
     estimate = posterior[numbers.TARGET]
     low, high = np.quantile(values, [0.0005, 0.9995])
     margin = 0.25 * (high - low)
@@ -207,7 +207,7 @@ def _ridge_panel(panel: Axes, posterior: Posterior, name: str) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     other, target = posterior[name].unknown, posterior[numbers.TARGET].unknown
-    x, y = numbers.samples(posterior, name), numbers.samples(posterior, numbers.TARGET)
+    x, y = numbers.samples(posterior, name, numbers.TARGET)
     dots = thinned(np.column_stack([x, y]), DOTS)
     by_factor = other.kind in ("lognormal", "loguniform") and np.ptp(np.log(dots[:, 0])) > math.log(WIDE)
     panel.plot(dots[:, 0], dots[:, 1], ".", color=style.FAINT, markersize=1.5, alpha=0.5)

@@ -13,7 +13,7 @@ from calibration.data.measurement import MISSING, OBSERVED, Rows
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior, SuspectRow, thinned
 from calibration.fit.whole import LEVELS
-from calibration.unknowns.priors import Unknown, column_of
+from calibration.unknowns.priors import Unknown, column_of, values_of
 from configs.units import BAR
 from model import layout as at
 from model.solvers import steady
@@ -183,9 +183,14 @@ def strongest(pairs: Sequence[tuple[Unknown, float]]) -> list[tuple[Unknown, flo
     return [(unknown, r) for unknown, r in pairs if abs(r) >= WEAK][:MOST]
 
 
-def samples(posterior: Posterior, name: str) -> np.ndarray:
-    """Samples of one unknown in its unit, shape (n_samples,)."""
-    return posterior.values[:, [estimate.unknown.name for estimate in posterior.estimates].index(name)]
+def samples(posterior: Posterior, *names: str) -> np.ndarray:
+    """Samples of unknowns, each in its unit, shape (n_names, n_samples): all of the chain, where it holds them all."""
+    unknowns = [estimate.unknown for estimate in posterior.estimates]
+    places = [[unknown.name for unknown in unknowns].index(name) for name in names]
+    sampled = posterior.chain.flat()
+    if max(places) >= sampled.shape[1]:  # integrated out: drawn beside a part of the chain alone
+        return posterior.values[:, places].T
+    return values_of([unknowns[place] for place in places], sampled[:, places]).T
 
 
 def prior_density(unknown: Unknown, values: np.ndarray) -> np.ndarray:

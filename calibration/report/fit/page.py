@@ -180,7 +180,7 @@ def _unknown_table(posterior: Posterior) -> Grid:
         rows.append(
             (
                 e.unknown.name,
-                e.unknown.unit,
+                e.unknown.unit.replace("-", "1"),
                 fit_words.prior_in_words(e.unknown),
                 *(mean, sd, low, rounded(e.quantiles["q50"], e.sd), high),
                 f"{e.sd_of_prior:.2f}",

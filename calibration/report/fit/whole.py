@@ -158,7 +158,7 @@ def _laplace(found: WholeFit) -> Grid:
         rows.append(
             (
                 e.unknown.name,
-                e.unknown.unit,
+                e.unknown.unit.replace("-", "1"),
                 f"{rounded(e.mean, e.sd)} ± {uncertainty(e.sd)}",
                 f"{rounded(mean, sd)} ± {uncertainty(sd)}",
                 f"{apart:.2f}",

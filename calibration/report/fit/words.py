@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Sequence
 
@@ -16,7 +17,7 @@ from calibration.report.fit.numbers import TARGET, Suspect, strongest
 from calibration.report.sets_in_words import listed
 from calibration.report.units import RAISED
 from calibration.unknowns.priors import Error, OfEffect, OfInstrument, Unknown, full_name
-from model.effects import effects
+from model.effects import EffectParameter, effects
 from rig.recording.columns import OF_CHANNEL
 
 INSTRUMENTS = {"pressure": "the pressure gauge", "flow": "the flow meter", "speed": "the tachometer"}
@@ -51,8 +52,8 @@ def figure(value: float) -> str:
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A figure with its unit, without one where the unit is 1."""
-    return text if unit == "1" else f"{text} {unit}"
+    """A figure with its unit, without one where the unit is 1, or the `-` of an effect's parameter."""
+    return text if unit in ("1", "-") else f"{text} {unit}"
 
 
 def percent(share: float) -> str:
@@ -69,7 +70,7 @@ def called(unknown: Unknown) -> str:
     """An unknown as a person calls it, with its recording where it is one recording's own."""
     match unknown.of:
         case OfEffect(effect, parameter):
-            said = f"{effects()[effect].title}, its {parameter}"
+            said = f"{effects()[effect].title}, its {_plain(effect, parameter)}"
         case OfInstrument(channel, error):
             said = f"{INSTRUMENTS[channel]}'s {ERRORS[error]}"
         case _:
@@ -77,8 +78,22 @@ def called(unknown: Unknown) -> str:
     return f"{said} in {unknown.whose}" if unknown.whose else said
 
 
+def _parameter(effect: str, name: str) -> EffectParameter:
+    return next(one for one in effects()[effect].parameters if one.name == name)
+
+
+def _plain(effect: str, name: str) -> str:
+    """An effect's parameter in words: its name, or where a unit stands in that, the first words on what it is."""
+    first = re.split(r", | \(", _parameter(effect, name).text)[0]
+    return name if name.isalpha() else first or name.replace("_", " ")
+
+
 def prior_in_words(unknown: Unknown) -> str:
-    """An unknown's prior, in its unit."""
+    """An unknown's prior, in its unit; that of an effect's size which cannot be negative is folded at 0."""
+    of = unknown.of
+    is_folded = isinstance(of, OfEffect) and unknown.kind != "lognormal" and _parameter(*of).low == 0.0
+    if is_folded and unknown.kind != "halfsize":
+        return f"above {figure(unknown.a)}, by {figure(unknown.b)}"
     if unknown.kind in ("normal", "size"):
         return f"{figure(unknown.a)} ± {figure(unknown.b)}"
     if unknown.kind == "lognormal":
@@ -98,7 +113,7 @@ def held_effects(found: AnyFit) -> list[str]:
                 continue
             value = f"{rounded(one.mean, one.sd)} ± {uncertainty(one.sd)}"
             low, high = (rounded(one.quantiles[q], one.sd) for q in ("q05", "q95"))
-            size = full_name(one.unknown.of.parameter, one.unknown.whose)
+            size = full_name(_plain(name, one.unknown.of.parameter), one.unknown.whose)
             words = f"{size} {with_unit(value, one.unknown.unit)} (90 %: {low} to {high})"
             sizes.append(f"{words}, which is its prior" if found.posterior.prior_dominates(one.unknown.name) else words)
         sentences.append(f"{effects()[name].title} ({name}): {'; '.join(sizes)}")

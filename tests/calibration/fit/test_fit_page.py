@@ -24,7 +24,7 @@ from calibration.report.fit import numbers as fit_numbers
 from calibration.report.fit import page as fit_page
 from calibration.report.fit import words as fit_words
 from calibration.report.origin import origins
-from calibration.unknowns.effects import sampled
+from calibration.unknowns.effects import in_a_fit, sampled, searched
 from calibration.unknowns.priors import off
 from model.effects import effects
 from rig.recording import read_recording
@@ -304,3 +304,17 @@ def test_an_instruments_error_is_not_called_by_the_effect_of_the_same_name():
     assert fit_words.called(replace(scale, whose="monday")) == "the flow meter's scale in monday"
     effect = sampled("flow_scale", effects()["flow_scale"].amplitude)
     assert fit_words.called(effect).endswith(", its scale")
+
+
+def test_an_effects_parameter_is_told_in_words_without_its_key_and_its_prior_as_it_is():
+    leak = effects()["leakage"]
+    size, shape = (in_a_fit("leakage", searched(one)) for one in leak.parameters)
+    assert fit_words.called(size) == "air that does no work, its conductance"
+    assert fit_words.prior_in_words(size) == fit_words.prior_in_words(sampled("leakage", leak.amplitude))
+    assert fit_words.prior_in_words(size).startswith("above 0, by ")
+    assert fit_words.with_unit("0.65", shape.unit) == "0.65"
+
+
+def test_a_density_is_of_all_that_was_sampled(found):
+    few = dataclasses.replace(found.posterior, values=found.posterior.values[:9])
+    assert fit_numbers.samples(few, "f_overall").shape == (1, len(found.posterior.chain.flat()))
