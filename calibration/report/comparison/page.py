@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from calibration.data.rows_used import few_used
+from calibration.data.rows_used import few_used, in_words
 from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
@@ -69,6 +69,8 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "motor": problem.parts[0].motor.name,
         "kind": document["verdict"],
         "verdict": words.sentence(document),
+        "mismatch": words.mismatch(document),
+        "used": in_words(document["files"]),
         "unchanged": "" if p is None else words.chance(p),
         "explanations": [f"{words.called_set(one)}{_figures(document, one)}" for one in document["explanations"]],
         "changes": _change_table(document),

@@ -42,6 +42,11 @@ def sentence(found: Mapping[str, Any]) -> str:
     return f"{may} ({p}), and these recordings cannot tell which it is: {either}.{if_first}"
 
 
+def mismatch(found: Mapping[str, Any]) -> str:
+    """How far the readings are from one motor that did not change, in a sentence."""
+    return f"Readings as far from one motor that did not change: {p_in_words(found['mismatch']['p_value'])}."
+
+
 def called(names: Sequence[str]) -> str:
     """Changes as a person calls them."""
     return listed([_called(name) for name in names])

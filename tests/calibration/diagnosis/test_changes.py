@@ -187,6 +187,9 @@ def test_a_motor_with_more_friction_is_told_with_how_much_in_json_and_page(
     check_python(sb.compare(tmp_path / "may", sb.open(tmp_path / "june")), found)
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "N m s" in text and "may and june" in text
+    assert "one motor that did not change: p " in text.replace("&lt;", "<")
+    rows = [f"{one['file']}: {one['rows_used']} of {one['rows']} rows" for one in found["files"]]
+    assert f"Rows used: {'; '.join(rows)}." in text
     change = next(one for one in found["changes"] if one["id"] == "f_overall")["parameters"]["f_overall"]["change"]
     low, high = (rounded(change[key], change["sd"]) for key in ("q05", "q95"))
     assert f"{low} to {high} N m s" in text.replace("\N{NO-BREAK SPACE}", " ")
