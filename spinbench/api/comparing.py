@@ -13,7 +13,7 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.work.step_clock import Tell
 from rig.recording import Recording
 from spinbench.api.frames import as_html, of_next_tests
-from spinbench.api.opened import Data, opened_all
+from spinbench.api.opened import Data, at_least, opened_all
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -138,9 +138,12 @@ def compare(before: Data | Recording, after: Data | Recording, seed: int = 1, *,
         When a recording cannot be used, stands twice, or is of another motor than the other.
     TypeError
         For what is no recording.
+    ValueError
+        For fewer workers than one.
     """
     from spinbench.progress import diagnosing
 
+    at_least("workers", workers, 1)
     parts, notes = both(before, after)
     with diagnosing("comparison") as tell:
         return compared(parts, notes, seed, tell, workers)

@@ -11,7 +11,7 @@ from calibration.diagnosis.document import as_json
 from calibration.diagnosis.result import Diagnosis, of_each_recording
 from rig.recording import Recording, RecordingError
 from spinbench.api.frames import as_html, of_next_tests
-from spinbench.api.opened import Data, listed, opened_all
+from spinbench.api.opened import Data, at_least, listed, opened_all
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -175,6 +175,8 @@ def diagnose(
         When a recording cannot be used, stands twice, or is of another motor than the rest.
     EffectsError
         For an effect that there is not.
+    ValueError
+        For fewer workers than one.
     """
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose as look
@@ -182,6 +184,7 @@ def diagnose(
     from spinbench.progress import diagnosing
     from spinbench.readings import refuse_twice
 
+    at_least("workers", workers, 1)
     parts, notes = opened_all(data)
     unseen, more = (None, []) if hold_out is None else _one(hold_out)
     refuse_twice(parts, unseen)

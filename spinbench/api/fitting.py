@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from spinbench.api.opened import Data
     from spinbench.api.simulating import Values
 
+LEAST_EFFECTIVE = 200  # samples, from which quantiles can be told
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -291,15 +293,19 @@ def fit(
         When nothing in the prior explains the readings.
     TypeError
         For an argument of another kind.
+    ValueError
+        For settings that ask for fewer than 200 effective samples.
     """
     from calibration.fit.sampling import Settings
-    from spinbench.api.opened import argument, listed, opened_all
+    from spinbench.api.opened import argument, at_least, listed, opened_all
     from spinbench.api.simulating import assignments_of
 
     if not isinstance(settings, Settings | None):
         raise TypeError(f"settings: expected Settings, such as Settings(seed=1); given {settings!r:.60}")
-    recordings, notes = opened_all(data)
     chosen = settings or Settings(effective_samples=0, most_steps=0)
+    if chosen.effective_samples:  # 0 stands for what is usual
+        at_least("settings: effective_samples", chosen.effective_samples, LEAST_EFFECTIVE)
+    recordings, notes = opened_all(data)
     effects, per_recording = listed("effects", effects), listed("per_recording", per_recording)
     parts, asked = prepared(recordings, chosen, assignments_of(values), channels, effects, steady_only, per_recording)
     with argument("values", "--set"):

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -121,7 +122,10 @@ def open(path: str | Path, logs: str | Path = "logs") -> Opened:
     for name, given in (("path", path), ("logs", logs)):
         if not isinstance(given, str | os.PathLike):
             raise TypeError(f"{name}: expected a folder, as text or a Path; given {given!r:.60}")
-    folder = readings.folder_named(Path(path), Path(logs))
+    try:
+        folder = readings.folder_named(Path(path), Path(logs))
+    except RecordingError as error:
+        raise RecordingError(str(error).replace("--logs", "logs=...")) from error
     if folder.is_file():
         raise RecordingError(f"{folder}: a file; name the folder that it is in")
     if not folder.is_dir():
@@ -194,6 +198,15 @@ def without(
     with argument("left_out", "--without"):
         kept = leaving.without(opened_all(data)[0], asked)
     return kept if isinstance(data, list | tuple) else kept[0]
+
+
+def at_least(name: str, given: int, least: int) -> int:
+    """A whole number of an argument; ValueError below the least, TypeError for what is none. `name`: the argument's."""
+    if not isinstance(given, Integral) or isinstance(given, bool):
+        raise TypeError(f"{name}: expected a whole number; given {given!r:.60}")
+    if given < least:
+        raise ValueError(f"{name}: expected {least} or more; given {given}")
+    return int(given)
 
 
 def listed(name: str, given: str | Sequence[str]) -> list[str]:

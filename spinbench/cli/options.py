@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from spinbench.api.fitting import LEAST_EFFECTIVE
+
 LOGS = Path("logs")  # of the folder that the program is started in: runs are data, not part of the program
 
 
@@ -73,7 +75,9 @@ SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed; the same s
 EffectiveSamplesOption = Annotated[
     int | None,
     typer.Option(
-        min=200, max=1_000_000, help="Least effective sample size of every unknown: 10 000, with runs in time 2000."
+        min=LEAST_EFFECTIVE,
+        max=1_000_000,
+        help="Least effective sample size of every unknown: 10 000, with runs in time 2000.",
     ),
 ]
 MaxStepsOption = Annotated[

@@ -318,3 +318,7 @@ def test_an_effects_parameter_is_told_in_words_without_its_key_and_its_prior_as_
 def test_a_density_is_of_all_that_was_sampled(found):
     few = dataclasses.replace(found.posterior, values=found.posterior.values[:9])
     assert fit_numbers.samples(few, "f_overall").shape == (1, len(found.posterior.chain.flat()))
+
+
+def test_a_table_that_is_wider_than_the_window_can_be_moved_in_it(page):
+    assert page.count("<table") == page.count('<div class="wide">\n<table') > 5
