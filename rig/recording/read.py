@@ -33,6 +33,7 @@ from rig.recording.table import EXTRA_BYTES, Plan, Table, read_table
 
 TOML = "recording.toml"
 OWN_ZERO_S = 1.0  # a file without start_s that begins no later may count from a zero of its own
+_OF_A_PLATEAU = (*PRESSURE, "flow_l_min", "speed_rpm")
 PROGRESS_BYTES = 20_000_000  # below it, reading ends before a bar would be seen
 
 
@@ -208,6 +209,7 @@ def _assembled(
         warnings.append(f"[origin] date '{shown(table.origin.date)}' {wrong}{counts}")
     files = []
     for entry, found in zip(table.files, tables, strict=True):
+        warnings += _not_read(entry, found)
         warnings += unknown_warning(found.names, entry.file, kept=bool(found.extra))
         files.append(
             RecordingFile(
@@ -234,6 +236,21 @@ def _assembled(
         supply=SupplyFigures(**table.supply.model_dump()),
         origin=table.origin.model_dump(exclude_none=True),
     )
+
+
+def _not_read(entry: FileTable, found: Table) -> list[str]:
+    """Plateaus that an instrument of the file has no reading of, in words; those with the rotor locked are none."""
+    if entry.kind != "steady":
+        return []
+    locked = found.columns.get("rotor_locked")
+    turning = np.ones(found.rows, dtype=bool) if locked is None else locked.values != 1.0
+    told = []
+    for name in _OF_A_PLATEAU:
+        empty = np.flatnonzero(np.isnan(found.columns[name].values) & turning) if name in found.columns else np.empty(0)
+        if 0 < empty.size < turning.sum():
+            rows = f"{', '.join(str(int(row) + 1) for row in empty[:5])}{', ...' * (empty.size > 5)}"
+            told.append(f"{entry.file}: {name} has no reading in {empty.size} of {found.rows} rows ({rows})")
+    return told
 
 
 @contextlib.contextmanager

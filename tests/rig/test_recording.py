@@ -104,6 +104,12 @@ def test_an_empty_cell_was_not_sampled(tmp_path):
     assert not flow.censor.any()
 
 
+def test_a_plateau_without_a_reading_is_named(tmp_path):
+    warnings = read_recording(put(tmp_path, sweep=HEADER + "1.6,,232\n1.8,54,313\n2.0,,397\n")).warnings
+    assert "sweep.csv: flow_l_min has no reading in 2 of 3 rows (1, 3)" in warnings
+    assert not any("speed_rpm has" in one for one in warnings)
+
+
 def test_readings_off_scale_are_censored(tmp_path):
     flow = sweep_of(tmp_path, HEADER + "1.6,<10,232.3\n1.8,> 1e2,313.8\n2.0, 70 ,394.8\n").columns["flow_l_min"]
     np.testing.assert_array_equal(flow.values, [10.0, 100.0, 70.0])
