@@ -48,6 +48,8 @@ MIX_UPS |= {
 # closed. A regulator that overshoots, and a valve that is late, make 0.1 of it.
 WRONG_WAY = 0.2
 BY_STROKES = 0.1  # share by which two highest or two lowest readings of a rotor that goes by strokes may differ
+STILL_FAST, NEARLY_AT_REST = 0.8, 0.2  # shares of a run's highest speed
+SLOWEST_STOP_S = 60.0  # from the one to the other; without a flywheel this motor needs about a second
 END = 3  # readings at the end of a run whose median is the speed there
 LATE_S = 0.1  # by which supply_open may be late or early: so much before and after the valve is moved says nothing
 MOST_STARVED = 0.5  # share of the turning rows; fewer may be misread
@@ -164,7 +166,26 @@ def _refuse_wrong_supply(recording: Recording) -> None:
         t, speed = time.values[known], read.values[known]
         flags = file.columns.get("supply_open")
         opened = np.ones(t.size, dtype=bool) if flags is None else flags.values[known] > 0.5
-        _hold_against_supply(f"{recording.folder}/{file.file}", t, speed, opened, flags is not None)
+        place = f"{recording.folder}/{file.file}"
+        _hold_against_supply(place, t, speed, opened, flags is not None)
+        if not recording.added_inertia_kg_m2 + file.added_inertia_kg_m2:
+            _refuse_slow_stop(place, t, speed, opened)
+
+
+def _refuse_slow_stop(place: str, time: np.ndarray, speed: np.ndarray, opened: np.ndarray) -> None:
+    """Refuse a run that slows down, with the supply closed and no flywheel, as no rotor of this motor can."""
+    closed = np.flatnonzero(opened)[-1] + 1 if opened.any() else 0
+    fast = np.flatnonzero(speed[closed:] > STILL_FAST * speed.max())
+    slow = np.flatnonzero(speed[closed:] < NEARLY_AT_REST * speed.max())
+    if not fast.size or not slow.size or slow[-1] < fast[-1]:
+        return
+    last, first = closed + fast[-1], closed + slow[slow > fast[-1]][0]
+    if time[first] - time[last] > SLOWEST_STOP_S:
+        raise RecordingError(
+            f"{place}: from {speed[last]:.4g} to {speed[first]:.4g} rpm with the supply closed takes "
+            f"{time[first] - time[last]:.4g} s, for which this motor needs about a second; is time_s in milliseconds? "
+            "Divide it by 1000; or state the flywheel, as added_inertia_kg_m2"
+        )
 
 
 def _hold_against_supply(place: str, time: np.ndarray, speed: np.ndarray, opened: np.ndarray, is_said: bool) -> None:
