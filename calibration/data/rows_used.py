@@ -77,6 +77,13 @@ def in_words(files: Sequence[FileUse]) -> str:
     return f"{'; '.join(said[:MOST_FILES])}{f'; and {rest} files more' if rest > 0 else ''}"
 
 
+def in_words_of(recordings: Sequence[Recording], files: Sequence[FileUse]) -> str:
+    """The same, with what the recordings of a motor have no reading of."""
+    columns = {name for one in recordings for file in one.files for name in file.columns}
+    lacks = [what for what, name in (("speed", "speed_rpm"), ("flow", "flow_l_min")) if name not in columns]
+    return f"{in_words(files)}{f'. No {lacks[0]} was read' if lacks else ''}"
+
+
 def _of(one: FileUse) -> str:
     return f"{one['file']}: {one['rows_used']} of {one['rows']} rows"
 

@@ -18,7 +18,7 @@ import pytest
 
 from calibration.data.blocks import Blocks, blocks_of
 from calibration.data.refusals import refuse_unusable, swept_volume
-from calibration.data.rows_used import few_used
+from calibration.data.rows_used import few_used, in_words_of, use_of
 from calibration.data.runs import READ_LATE_S, scatter
 from calibration.data.runs_in_time import coast_down, lone_zeros, release
 from calibration.diagnosis.diagnose import diagnose
@@ -289,6 +289,20 @@ def test_a_supply_that_the_speed_contradicts_is_refused(
 )
 def test_a_run_as_it_should_be_is_not_refused(tmp_path: Path, opened: np.ndarray | None, speed: np.ndarray) -> None:
     refuse_unusable(run_of_motor(tmp_path / "run", opened, speed))
+
+
+def test_what_no_instrument_read_is_said_beside_the_rows_used(tmp_path: Path) -> None:
+    recording = run_of_motor(tmp_path / "run", OPEN_FIRST, FALLING)
+    assert in_words_of([recording], [use_of(recording.files[0], 0, "")]) == "run.csv: 90 of 90 rows. No flow was read"
+
+
+def test_a_run_whose_times_are_in_milliseconds_is_refused(tmp_path: Path) -> None:
+    folder = run_of_motor(tmp_path / "run", OPEN_FIRST, FALLING).folder
+    head, *lines = (folder / "run.csv").read_text(encoding="utf-8").splitlines()
+    rows = [f"{1000.0 * float(line.partition(',')[0]):g},{line.partition(',')[2]}" for line in lines]
+    (folder / "run.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"takes 150 s.*is time_s in milliseconds\? Divide it by 1000"):
+        refuse_unusable(read_recording(folder))
 
 
 def test_a_speed_off_the_scale_is_no_reading_of_a_run_in_time(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from calibration.data.rows_used import few_used, in_words
+from calibration.data.rows_used import few_used, in_words_of
 from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.report import along_dates
 from calibration.report.along_dates import Panel, Point
@@ -70,7 +70,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "kind": document["verdict"],
         "verdict": words.sentence(document),
         "mismatch": words.mismatch(document),
-        "used": in_words(document["files"]),
+        "used": in_words_of([part.recording for part in problem.parts], document["files"]),
         "unchanged": "" if p is None else words.chance(p),
         "explanations": [f"{words.called_set(one)}{_figures(document, one)}" for one in document["explanations"]],
         "changes": _change_table(document),

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from calibration.data.rows_used import few_used, in_words
+from calibration.data.rows_used import few_used, in_words_of
 from calibration.diagnosis.document import NOTHING, next_tests_as_json
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.steps.misread import MISREAD
@@ -121,7 +121,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "verdict": words.sentence(document, sets.at_top(found, found.verdict.chosen), _excluded(found, document)),
         "certainty": _certainty(found, document),
         "rivals": _rivals(found, document),
-        "used": in_words(found.comparison.rows_used()),
+        "used": in_words_of([problem.recording], found.comparison.rows_used()),
         "suspects": _suspect_table(document),
         "places": _place_table(document),
         "markers": draw.markers_in_words(found),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from calibration.data.rows_used import by_fit, in_words
+from calibration.data.rows_used import by_fit, in_words_of
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Estimate, Posterior
 from calibration.report import style
@@ -89,8 +89,9 @@ def page(filled: dict[str, Any]) -> bytes:
 
 def context(found: Fit, variants: Variants, suspects: list[numbers.Suspect]) -> dict[str, Any]:
     """The texts and tables of the page."""
+    used = in_words_of(found.recordings, by_fit(found.recording, found.measured))
     return common(found) | {
-        "used": f"{in_words(by_fit(found.recording, found.measured))}; channels {', '.join(found.measured.channels)}",
+        "used": f"{used}; channels {', '.join(found.measured.channels)}",
         "remarks": fit_words.remarks(found, suspects),
         "suspects": _suspect_table(suspects),
         "variants": variant_table(found, variants),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.data.rows_used import in_words
+from calibration.data.rows_used import in_words_of
 from calibration.fit.whole import WholeFit, parts_of
 from calibration.report import along_dates, style
 from calibration.report.fit import figures as fit_figures
@@ -132,7 +132,7 @@ def _context(found: WholeFit, variants: page.Variants) -> dict[str, Any]:
         for one in found.posterior.suspect_rows
     )
     return page.common(found) | {
-        "used": in_words(found.comparison.rows_used()),
+        "used": in_words_of(found.recordings, found.comparison.rows_used()),
         "remarks": remarks(found),
         "suspects": Grid(("file", "column", "row", "probability of being bad"), rows, 2),
         "variants": page.variant_table(found, variants),
