@@ -13,7 +13,7 @@ from rig.exchange.cells import Cell
 from rig.exchange.mapping import MappingFile
 from rig.exchange.tables import Table
 from rig.recording.columns import PRESSURE
-from rig.recording.headings import read_heading
+from rig.recording.header import read_heading
 from rig.recording.mistakes import shown
 from rig.recording.units import unit_called
 

@@ -8,8 +8,7 @@ docs/recording.md tells a person how to write one.
     columns     the columns known by name: unit, limits, and the figures taken for an instrument that states none
     units       units that others write: spellings, factors, and what to do with the numbers
     schema      recording.toml, key by key, the inline motors included
-    header      the first line of a CSV file, and what each kind of file has to hold
-    headings    what a heading that others write says: quantity and unit
+    header      the names of columns: of each kind of file, and what one that others write says
     table       the rows of a CSV file, in bounded memory: its lines, and the cells of a column
     origin      when it was taken, and of which run it is
     mistakes    so that one error names them all

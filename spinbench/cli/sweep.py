@@ -75,17 +75,10 @@ def sweep(
     _load(bench)
     from rig.run.running import Wanted
     from rig.sweep.ambient import Given
-    from rig.sweep.continuing import Taken, taken
 
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
     parent = readings.run_named(resume, logs) if resume else None
-
-    def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
-        from rig.sweep.planning import sweep_course
-
-        have = taken(parent, read, logs) if parent else Taken()
-        return sweep_course(read, ambient, have.steps, have.captures, have.plateaus)
-
+    course = partial(_what_is_missing, parent, logs)
     server = server_of(conceal, conceal_seed, only, key)
     by = (operator, motor_serial, note, *_before(parent))
     _take(bench, given, course, Wanted("sweep", logs, *by, wire, rate, server), check, page, (conceal, key))
@@ -127,27 +120,52 @@ def capture(
     _load(bench)
     from rig.run.running import Wanted
     from rig.sweep.ambient import Given
-    from rig.sweep.continuing import plateaus_before, refuse_another_motor
 
+    _refuse_what_it_has_not(kind, level_bar_abs, plateaus)
+    parent = None if after is None else _among(after, logs)
+    given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
+
+    times = PLATEAUS if plateaus is None else plateaus
+    course = partial(_one_capture, kind.value, level_bar_abs, times, parent, logs, motor_serial)
+    server = server_of(conceal, conceal_seed, only, key)
+    by = (operator, motor_serial, note, *_before(parent))
+    _take(bench, given, course, Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2))
+
+
+def _refuse_what_it_has_not(kind: CaptureKind, level_bar_abs: float | None, plateaus: int | None) -> None:
     if plateaus is not None and kind is not CaptureKind.PLATEAUS:
         raise typer.BadParameter(f"--plateaus belongs to --kind plateaus; a {kind.value} has none")
     if level_bar_abs is not None and kind is CaptureKind.ZERO:
         raise typer.BadParameter("--level-bar-abs: a zero is taken with the line vented, at no level; leave it out")
-    parent = None if after is None else _among(after, logs)
-    given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
 
-    def course(read: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
-        from rig.sweep.planning import capture_course
 
-        if parent is not None:
-            refuse_another_motor(parent, read, motor_serial)
-        known = () if parent is None else plateaus_before(parent, read, logs)
-        times = PLATEAUS if plateaus is None else plateaus
-        return replace(capture_course(read, ambient, kind.value, level_bar_abs, times), known=known), []
+def _one_capture(
+    kind: str,
+    level_bar_abs: float | None,
+    times: int,
+    parent: Run | None,
+    logs: Path,
+    motor_serial: str | None,
+    bench: Bench,
+    ambient: Ambient,
+) -> tuple[Course, list[str]]:
+    """A capture, after the run before where there is one."""
+    from rig.sweep.continuing import plateaus_before, refuse_another_motor
+    from rig.sweep.planning import capture_course
 
-    server = server_of(conceal, conceal_seed, only, key)
-    by = (operator, motor_serial, note, *_before(parent))
-    _take(bench, given, course, Wanted(kind.value, logs, *by, True, rate, server, added_inertia_kg_m2))
+    if parent is not None:
+        refuse_another_motor(parent, bench, motor_serial)
+    known = () if parent is None else plateaus_before(parent, bench, logs)
+    return replace(capture_course(bench, ambient, kind, level_bar_abs, times), known=known), []
+
+
+def _what_is_missing(parent: Run | None, logs: Path, bench: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
+    """A sweep of what the run before did not take."""
+    from rig.sweep.continuing import Taken, taken
+    from rig.sweep.planning import sweep_course
+
+    have = taken(parent, bench, logs) if parent else Taken()
+    return sweep_course(bench, ambient, have.steps, have.captures, have.plateaus)
 
 
 def _load(bench: Path) -> None:
@@ -205,16 +223,20 @@ def _take(
     print(f"{folder}: {ended(outcome.outcome, outcome.stopped_by, outcome.reason)}")
     if not outcome.vented:
         remark(UNVENTED)
-    rate = wanted.rate or (bench.file.virtual.rate if bench.file.virtual is not None else 1.0)
-    if rate > 1.0 and (outcome.outcome == "failed" or unusable(outcome.plateaus)):
-        remark(f"a virtual bench at {rate:g} times real time needs a machine that has time for it: try a lower --rate")
+    if outcome.outcome == "failed" or unusable(outcome.plateaus):
+        _remark_on_rate(bench, wanted)
     if page:
         _write_page(folder)
     if outcome.outcome != "finished":
         if wanted.kind == "sweep":
-            switches = [*([] if check else ["--no-check"]), *([] if page else ["--no-page"])]
-            print(f"go on with: {_continuing(path, folder, wanted, given, switches, concealed)}")
+            print(f"go on with: {_continuing(path, folder, wanted, given, (check, page), concealed)}")
         raise typer.Exit(RUN_FAILED)
+
+
+def _remark_on_rate(bench: Bench, wanted: Wanted) -> None:
+    rate = wanted.rate or (bench.file.virtual.rate if bench.file.virtual is not None else 1.0)
+    if rate > 1.0:
+        remark(f"a virtual bench at {rate:g} times real time needs a machine that has time for it: try a lower --rate")
 
 
 def _write_page(folder: Path) -> None:
@@ -238,10 +260,13 @@ def _continuing(
     folder: Path,
     wanted: Wanted,
     given: Given,
-    switches: list[str],
+    switches: tuple[bool, bool],
     concealed: tuple[Path | None, Path | None],
 ) -> str:
-    """The command that goes on where a sweep ended, with the options of that sweep. `concealed`: seal and key."""
+    """The command that goes on where a sweep ended, with the options of that sweep.
+
+    `switches`: whether it is checked, and whether it has a page; `concealed`: seal and key.
+    """
     from rig.sweep.ambient import OPTIONS
 
     words = ["spinbench", "sweep", str(path), "--continue", folder.name]
@@ -254,8 +279,8 @@ def _continuing(
     words += [f"{OPTIONS[name]}={value}" for name, value in stays.items()]
     for name, place in zip(("--conceal", "--key"), concealed, strict=True):
         words += [name, str(place)] if place is not None else []
-    words += [] if wanted.wire else ["--no-wire"]
-    words += switches
+    given_away = zip(("--no-wire", "--no-check", "--no-page"), (wanted.wire, *switches), strict=True)
+    words += [name for name, is_on in given_away if not is_on]
     return shlex.join(words)
 
 

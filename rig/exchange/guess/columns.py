@@ -14,7 +14,7 @@ from rig.exchange.guess.layout import DATE, TIME_OF_DAY
 from rig.exchange.guess.look import Key, Seen, Source
 from rig.exchange.units import known_units
 from rig.recording.columns import MEASURED, PRESSURE
-from rig.recording.headings import INLET, Heading, read_heading
+from rig.recording.header import INLET, Heading, read_heading
 from rig.recording.mistakes import shown
 from rig.recording.units import DATED, UNITS
 

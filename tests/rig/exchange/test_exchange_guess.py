@@ -19,7 +19,7 @@ from rig.exchange.importing import import_recording
 from rig.exchange.mapping import read_mapping
 from rig.exchange.samples.export import export_samples
 from rig.recording import read_recording
-from rig.recording.headings import read_heading
+from rig.recording.header import read_heading
 from rig.runlog import RunError, read_run
 from tests.rig.runlog.test_runlog_import import workbook
 from tests.synthetic_runs import write_sweep
