@@ -21,6 +21,7 @@ ManyArgument = Annotated[
     list[Path], typer.Argument(metavar="DIR", help="Recordings or runs, or folders that hold them.")
 ]
 TableOption = Annotated[Path, options.out_folder("Folder for the table; started again, it goes on.")]
+SHOWN = 5  # names of folders that are passed over
 
 
 _going_on = kept_when_interrupted(lambda out: f"what was done is kept in {out}; the same command goes on from there")
@@ -124,13 +125,14 @@ def _recordings_in(folders: Sequence[Path]) -> list[Path]:
 
     found = fleet.recordings_in(folders, readings.is_recording)
     for folder in folders:
-        inside = [] if readings.is_recording(folder) else sorted(one for one in folder.iterdir() if one.is_dir())
-        over = [one.name for one in inside if not one.name.startswith(".") and not readings.is_recording(one)]
-        more = f" and {len(over) - 5} more" * (len(over) > 5)
-        names = ", ".join(over[:5])
-        remark(
-            *[f"passed over in {folder}: {names}{more}: no recordings or runs; name folders below them"] * bool(over)
-        )
+        if readings.is_recording(folder):
+            continue
+        inside = sorted(one.name for one in folder.iterdir() if one.is_dir() and not readings.is_recording(one))
+        over = [name for name in inside if not name.startswith(".")]
+        if over:
+            more = f" and {len(over) - SHOWN} more" * (len(over) > SHOWN)
+            names = ", ".join(over[:SHOWN])
+            remark(f"passed over in {folder}: {names}{more}: no recordings or runs; name folders below them")
     return found
 
 
