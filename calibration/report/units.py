@@ -34,6 +34,11 @@ def for_people(mean: float, sd: float, unit: str, name: str) -> tuple[float, flo
     return factor * mean, factor * sd, unit
 
 
+def in_a_table(unit: str) -> str:
+    """A unit as a table tells it: 1 where there is none."""
+    return "1" if unit == "-" else unit
+
+
 def on_an_axis(unit: str, name: str) -> tuple[float, str]:
     """The factor on figures of one quantity, large and small, and their unit as a person uses it."""
     factor, _, familiar = for_people(1.0, 0.0, unit, name)

@@ -16,6 +16,7 @@ from calibration.report.fit.numbers import TARGET
 from calibration.report.fit.words import AnyFit, figure, probability, rounded, uncertainty, with_unit
 from calibration.report.origin import name_of, origins
 from calibration.report.render import HTML, PNG, Grid, inline, render, versions
+from calibration.report.units import in_a_table
 from model.motor import Motor
 from rig.recording import Recording
 from rig.recording.columns import NUMERIC, OF_CHANNEL
@@ -73,7 +74,7 @@ def table(found: AnyFit) -> Table:
         mean, sd, low, high = _spread(e)
         name = f"{TARGET} (do not rely on it)" if wrong and e.unknown.name == TARGET else e.unknown.name
         middle = rounded(e.quantiles["q50"], e.sd)
-        shown.add_row(escape(name), e.unknown.unit, mean, sd, low, middle, high, f"{e.sd_of_prior:.2f}")
+        shown.add_row(escape(name), in_a_table(e.unknown.unit), mean, sd, low, middle, high, f"{e.sd_of_prior:.2f}")
     return shown
 
 
@@ -181,7 +182,7 @@ def _unknown_table(posterior: Posterior) -> Grid:
         rows.append(
             (
                 e.unknown.name,
-                e.unknown.unit.replace("-", "1"),
+                in_a_table(e.unknown.unit),
                 fit_words.prior_in_words(e.unknown),
                 *(mean, sd, low, rounded(e.quantiles["q50"], e.sd), high),
                 f"{e.sd_of_prior:.2f}",

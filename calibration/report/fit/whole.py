@@ -15,7 +15,7 @@ from calibration.report.fit import words as fit_words
 from calibration.report.fit.figures import BANDS
 from calibration.report.fit.words import rounded, uncertainty
 from calibration.report.render import HTML, PNG, Grid, inline
-from calibration.report.units import on_an_axis
+from calibration.report.units import in_a_table, on_an_axis
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, SPEED
 from calibration.systems.several.problem import SeveralProblem
@@ -158,7 +158,7 @@ def _laplace(found: WholeFit) -> Grid:
         rows.append(
             (
                 e.unknown.name,
-                e.unknown.unit.replace("-", "1"),
+                in_a_table(e.unknown.unit),
                 f"{rounded(e.mean, e.sd)} ± {uncertainty(e.sd)}",
                 f"{rounded(mean, sd)} ± {uncertainty(sd)}",
                 f"{apart:.2f}",

@@ -93,7 +93,7 @@ def test_the_command_takes_a_list_of_effects_and_writes_the_report(fitted, tmp_p
     page = (tmp_path / "report.html").read_text()
     assert "The model holds, beyond the article" in page
     assert "coulomb_friction.torque_nm" in page
-    assert f"{effects()['coulomb_friction'].title} (coulomb_friction): torque_nm" in page
+    assert f"{effects()['coulomb_friction'].title} (coulomb_friction): dry friction torque " in page
     assert "coulomb_friction.torque_nm" in json.loads((tmp_path / "posterior.json").read_text())["parameters"]
 
 
