@@ -16,6 +16,11 @@ from typing import Any
 
 # A lock may be unknown to other machines that share the folder: a leftover is for the machine that it names.
 _HIDDEN = f".spinbench-{re.sub('[^A-Za-z0-9]', '_', platform.node())}"
+# Endings of files: a folder of such a name was not meant.
+OF_FILES = (
+    ".csv", ".tsv", ".txt", ".json", ".toml", ".zip", ".xls", ".xlsx", ".mat",
+    ".mdf", ".dat", ".nc", ".html", ".png",
+)  # fmt: skip
 
 
 def check_places(folder: Path | None, file: Path | None = None) -> None:

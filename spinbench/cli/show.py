@@ -73,12 +73,15 @@ def _width_that_cuts_nothing(console: Any, table: Any, seen: int) -> int:
 def check_places(out: Path | None, json_file: Path | None) -> None:
     """Whether results could be written, before the work that they come of.
 
-    Raises RecordingError where they would be written among the files of a recording or run.
+    Raises RecordingError where they would be written among the files of a recording or run, or into a folder that is
+    called like a file.
     """
     from rig.recording import RecordingError, files
     from spinbench.readings import is_recording
 
     file = None if json_file is None or str(json_file) == "-" else json_file
+    if out is not None and out.suffix.lower() in files.OF_FILES and not out.exists():
+        raise RecordingError(f"{out}: '{out.suffix}' is the ending of a file, and a folder is written; name a folder")
     files.check_places(out, file)
     for folder in (out, None if file is None else file.parent):
         if folder is not None and is_recording(folder):

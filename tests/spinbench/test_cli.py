@@ -419,6 +419,20 @@ def test_a_misspelt_ending_makes_no_folder(tmp_path, spinbench_here, name, words
     assert [entry.name for entry in tmp_path.iterdir()] == ["logs"]
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fit", "published_sweep", "-o", "x.json"),
+        ("diagnose", "published_sweep", "-o", "x.HTML"),
+        ("simulate", "--pressure-bar-abs", "2", "-o", "x.png"),
+    ],
+)
+def test_a_folder_that_is_called_like_a_file_is_refused(tmp_path, spinbench_here, words):
+    told = refused(spinbench_here(*words, cwd=tmp_path))
+    assert told.startswith(f"spinbench: {words[-1]}: '.") and told.endswith("a folder is written; name a folder\n")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_place_in_which_nothing_can_be_made_is_refused_before_the_work(tmp_path, spinbench_here):
     """Root may write into /proc by its permissions, and still nothing can be made there."""
     assert refused(spinbench_here("fit", "published_sweep", "-o", "/proc/x", cwd=tmp_path)).startswith(

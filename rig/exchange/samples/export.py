@@ -8,7 +8,7 @@ from pathlib import Path
 from configs import close_to
 from rig.exchange.binary.apart import need
 from rig.exchange.samples import formats
-from rig.recording.files import beside
+from rig.recording.files import OF_FILES, beside
 from rig.recording.mistakes import shown
 from rig.runlog.folder import END, MAX_RECORD_BYTES, START, RunError, read_bytes
 from rig.runlog.reader import BEING_WRITTEN, Run
@@ -20,10 +20,6 @@ FORMATS = {
     ".tdms": (formats.write_tdms, "nptdms"),
     ".mf4": (formats.write_mdf, "asammdf"),
 }
-
-
-# Endings of other files: a folder of such a name was not meant.
-OF_FILES = (".csv", ".tsv", ".txt", ".json", ".toml", ".zip", ".xls", ".xlsx", ".mat", ".mdf", ".dat", ".nc", ".html")
 
 
 def is_file_of_samples(out: Path) -> bool:
