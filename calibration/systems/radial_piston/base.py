@@ -34,7 +34,7 @@ def base_of(comparison: Comparison) -> Mode:
         comparison.noise.leave_alone(misread, count == 1)
     if comparison.problem.blocks.runs:
         comparison.see_pulses(base.z)
-        return find(comparison, (), base, None) if misread.any() else find(comparison, (), base)
+        return find(comparison, (), base, None)  # where the plateaus led, a line may be caught far off
     return find(comparison, (), base) if misread.any() else base
 
 
