@@ -250,9 +250,8 @@ def plan(
     if run.from_rest:
         set_at = at.first
         lead_time, lead = _from_rest(parameters, readings, line, set_at, chosen, run.start_s)
-        lead = np.maximum(
-            lead + own.get(BEGUN, 0.0) * lead[-1], 0.0
-        )  # what broke away late has gathered as much less all the way
+        # What broke away late has gathered as much less all the way.
+        lead = np.maximum(lead + own.get(BEGUN, 0.0) * lead[-1], 0.0)
         speed, lead_time, lead = float(lead[-1]), lead_time[:-1], lead[:-1]
         start = rest_state(motor, angle)
     else:
