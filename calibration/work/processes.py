@@ -16,8 +16,9 @@ def begin_worker() -> None:
     """A worker has one thread, leaves Ctrl-C to its parent, and ends when that does, however it ended."""
     os.environ.update(dict.fromkeys(THREADS, "1"))
     if "numba" in sys.modules:  # loaded with the caller's own script: its number of threads can no longer be changed
-        del os.environ["NUMBA_NUM_THREADS"]
-        sys.modules["numba"].set_num_threads(1)
+        numba = sys.modules["numba"]
+        os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
+        numba.set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

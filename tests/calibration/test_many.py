@@ -52,6 +52,33 @@ def kill_once_started(mark):
     return thread
 
 
+WORKER_WITH_NUMBA = """
+import numba  # before the worker begins, as with a script that is started with -m
+from calibration.work.processes import begin_worker
+begin_worker()
+
+@numba.njit(parallel=True)
+def sum_of(n):
+    total = 0.0
+    for i in numba.prange(n):
+        total += i
+    return total
+
+assert sum_of(5) == 10.0
+assert numba.get_num_threads() == 1
+begin_worker()
+assert numba.njit(lambda n: n)(3) == 3
+"""
+
+
+@pytest.mark.parametrize("threads", ["1", "2", None])
+def test_a_worker_compiles_with_any_number_of_threads_asked_for(threads):
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_NUM_THREADS"}
+    environment |= {"PYTHONPATH": str(ROOT)} | ({"NUMBA_NUM_THREADS": threads} if threads else {})
+    begun = [sys.executable, "-c", WORKER_WITH_NUMBA]
+    subprocess.run(begun, env=environment, check=True, timeout=PATIENCE_S)
+
+
 @pytest.mark.parametrize("workers", [0, 2])
 def test_every_item_has_its_result_in_order(tmp_path, workers):
     assert squares(run_many(square, items_of(5), tmp_path, workers)) == [0, 1, 4, 9, 16]
