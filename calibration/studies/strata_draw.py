@@ -1,20 +1,24 @@
 """Recordings in strata: every unknown drawn from its prior, readings by the model and the noise of a diagnosis.
 
-The design (levels, instruments, samples of the runs) is that of one recording of `nulls_draw`, and stays. Truths with
-which the model gives no reading of it, and readings that are not above 0, are drawn anew: the recording would be
-another one then. The posterior knows this, for the model gives such truths no probability.
+The design (levels, instruments, samples of the runs) is that of one recording of `nulls_draw`, and stays; behind real
+supplies each case has a design of its own, a recording of the second rig. Truths with which the model gives no reading
+of it, and plateaus that are not above 0, are drawn anew: the recording would be another one then. The posterior knows
+this, for the model gives such truths no probability.
 """
 
 from __future__ import annotations
 
 import math
+import tempfile
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numpy as np
 
+from calibration.data.runs import UNTOLD
 from calibration.fit.whole import parts_of
 from calibration.likelihood.function import Function
 from calibration.studies.nulls_draw import OF_A_BENCH, null_recording
@@ -26,12 +30,23 @@ from calibration.unknowns import priors
 from calibration.unknowns.effects import sampled
 from calibration.unknowns.priors import OfRun
 from model.layout import L_MIN, RPM
-from rig.recording import Column, Recording
+from rig.recording import Recording, read_recording
 
 EFFECTS = ("coulomb_friction", "windage", "leakage", "flow_scale")
 DESIGN_SEED = 5  # a motor of ordinary friction that turns at every level and all along both runs
 DRIFT = 0.5  # sd of an offset's drift from day to day, of the offset's
 TRIES = 1000
+SEEDS = 1_000_000  # from one design's seed to that of the next, where it is drawn anew
+NOTHING_CONCEALED: dict[str, Any] = {
+    "category": "none",
+    "ids": [],
+    "effects": [],
+    "sizes": {},
+    "place": {},
+    "near_nuisance": False,
+    "total_sds": {},
+    "with_transients": True,
+}
 
 
 @dataclass(frozen=True)
@@ -41,6 +56,7 @@ class Stratum:
     `effects`: of which each recording has one, in turn; none where there are none.
     `louder`: noise over the declared [-]; 0 where it is drawn from its prior.
     `whole_lines`: whether the lines of the runs are drawn from the whole of their priors, not as one bench has them.
+    `real_supplies`: whether the designs are recordings of the second rig, behind lines that fill and droop.
     """
 
     words: str
@@ -49,6 +65,7 @@ class Stratum:
     effects: tuple[str, ...] = ()
     louder: float = 0.0
     whole_lines: bool = False
+    real_supplies: bool = False
 
 
 STRATA = {
@@ -59,6 +76,7 @@ STRATA = {
     "runs": Stratum("a sweep, a spin-up and a coast-down", runs=True),
     "runs_effect": Stratum("the same, with an effect", runs=True, effects=EFFECTS),
     "runs_any_line": Stratum("with runs, their lines from all of the priors", runs=True, whole_lines=True),
+    "real_supplies": Stratum("other benches, with runs behind real supplies", runs=True, real_supplies=True),
 }
 
 
@@ -82,7 +100,7 @@ class Case:
 def case_of(stratum: Stratum, seed: int) -> Case:
     """The case of a seed. Raises ArithmeticError when no truth of `TRIES` gives a reading of everything."""
     rng = np.random.default_rng([seed, crc32(stratum.words.encode())])  # strata share no draws
-    recordings = designs(stratum.runs, stratum.days)
+    recordings = (_of_second_rig(seed),) if stratum.real_supplies else designs(stratum.runs, stratum.days)
     comparison = _compared(recordings)
     names = (stratum.effects[seed % len(stratum.effects)],) if stratum.effects else ()
     f = Function(comparison, names)
@@ -99,7 +117,7 @@ def case_of(stratum: Stratum, seed: int) -> Case:
         if not comparison.is_told(prediction):
             continue
         read = comparison.raw(prediction) + comparison.drawn_noise(prediction, u, rng)
-        if np.all(read[: comparison.end] > 0.0):
+        if all(np.all(read[at][: 2 * part.n] > 0.0) for _, part, at in parts_of(comparison)):
             shown, comparison = _with_readings(recordings, comparison, read)
             return Case(shown, comparison, names, z, u, tries)
     raise ArithmeticError(f"none of {TRIES} truths gives a reading of everything")
@@ -116,6 +134,26 @@ def designs(runs: bool, days: int) -> tuple[Recording, ...]:
     return tuple(
         replace(nominal, channels=channels, folder=Path(day), sha256=day, origin={"date": day}) for day in days_of_it
     )
+
+
+def _of_second_rig(seed: int) -> Recording:
+    """A recording of the second rig with a spin-up and a coast-down behind a real supply, nothing concealed in it.
+
+    One whose gauge is silent while a line stands open is drawn anew: the speeds read at the plateaus say then what the
+    line held, so that other readings would make another design.
+    """
+    from calibration.challenge.second_rig import draw, make_recording
+
+    for of_design in range(seed, seed + TRIES * SEEDS, SEEDS):
+        truth = replace(draw("development", of_design, "follow-ups"), **NOTHING_CONCEALED)
+        with tempfile.TemporaryDirectory() as place:
+            make_recording(truth, folder := Path(place) / "recording")
+            recording = read_recording(folder)
+        comparison = _compared((recording,))
+        runs = [run for _, part, _ in parts_of(comparison) for run in part.problem.blocks.runs]
+        if runs and not any(run.settled_sd >= UNTOLD * max(span.pressure_pa for span in run.valve) for run in runs):
+            return recording
+    raise ArithmeticError(f"none of {TRIES} recordings has a run whose gauge tells the line")
 
 
 def _compared(recordings: tuple[Recording, ...]) -> Comparison | Several:
@@ -163,15 +201,22 @@ def _with_readings(
     """
     shown = []
     for recording, (_, part, at) in zip(recordings, parts_of(comparison), strict=True):
-        flow, speed = read[at][: 2 * part.n].reshape(2, part.n)
-        readings = {"flow_l_min": flow * L_MIN, "speed_rpm": speed * RPM}
-        none = np.zeros(part.n, dtype=np.int8)
-        of_plateaus = {name: Column(values, none) for name, values in readings.items()}
-        files = tuple(
-            replace(file, columns={**file.columns, **of_plateaus}) if file.kind == "steady" else file
-            for file in recording.files
-        )
-        shown.append(replace(recording, files=files))
+        plateaus = part.problem.blocks.plateaus
+        names, size = np.array(plateaus.file), 2 * part.n
+        known, flow_speed = part.known[:size].reshape(2, -1), read[at][:size].reshape(2, -1)
+        files = []
+        for file in recording.files:
+            columns = dict(file.columns)
+            for name, factor, seen, values in zip(
+                ("flow_l_min", "speed_rpm"), (L_MIN, RPM), known, flow_speed, strict=True
+            ):
+                mine = np.flatnonzero((names == file.file) & seen)
+                if mine.size:
+                    shown_there = columns[name].values.copy()
+                    shown_there[plateaus.row[mine] - 1] = values[mine] * factor
+                    columns[name] = replace(columns[name], values=shown_there)
+            files.append(replace(file, columns=columns))
+        shown.append(replace(recording, files=tuple(files)))
     found = _compared(tuple(shown))
     found.read = read
     for _, part, at in parts_of(found):
