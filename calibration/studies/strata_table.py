@@ -179,7 +179,12 @@ def band(n: int, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def documents(found: Row, rows: Rows) -> dict[str, bytes]:
     """The result as a document, a page and pictures, by file name."""
-    result = {"sbc_strata.json": json_bytes(found), "sbc_strata.png": ecdf_plot(_made(rows))}
+    made = _made(rows)
+    result = {
+        "sbc_strata.json": json_bytes(found),
+        "sbc_strata.png": ecdf_plot(made),
+        "sbc_strata_coverage.png": coverage_plot(found, made),
+    }
     if found["emcee"]["against"]:
         result["sbc_strata_emcee.png"] = against_plot(found["emcee"]["against"])
     return result
@@ -211,6 +216,36 @@ def ecdf_plot(results: Rows) -> bytes:
         figure.legend(
             *axes.flat[min(1, len(names) - 1)].get_legend_handles_labels(), loc="outside lower right", ncols=3
         )
+        return style.png(figure)
+
+
+def coverage_plot(found: Row, results: Rows) -> bytes:
+    """PNG of the shares of truths inside the 50 and 90 % intervals, and of posterior widths against the prior's."""
+    from calibration.report import style
+
+    shown = [
+        (name, of) for name, one in found["strata"].items() for of in ("f_overall", "size") if one["parts"]["all"][of]
+    ]
+    places = np.arange(len(shown))[::-1]
+    with style.drawing(1, 2, height_in=0.9 + 0.28 * len(shown), sharey=True) as (figure, (covered, widths)):
+        for i, level in enumerate((50, 90)):
+            got = [found["strata"][name]["parts"]["all"][of][str(level)] for name, of in shown]
+            middle = np.array([100.0 * one["share"] for one in got])
+            ends = np.array([[100.0 * one["low"], 100.0 * one["high"]] for one in got]).T
+            of_level = style.COLOURS[i]
+            covered.errorbar(
+                middle, places, xerr=np.abs(ends - middle), fmt="os"[i], color=of_level, label=f"{level} %"
+            )
+            covered.axvline(level, color=of_level, linewidth=0.8)
+        for place, (name, of) in zip(places, shown, strict=True):
+            sds = [row["laplace"][of]["sd"] for row in results if row["stratum"] == name and of in row["laplace"]]
+            widths.plot(sds, np.full(len(sds), place), "|", color=style.COLOURS[0], alpha=0.4)
+        covered.set_yticks(places, [f"{name}: {QUANTITIES[of]}" for name, of in shown])
+        covered.set_xlim(0.0, 100.0)
+        covered.set_xlabel("truths inside, with 95 % intervals (%)", fontsize=8)
+        covered.legend(loc="lower left", fontsize=7)
+        widths.set_xscale("log")
+        widths.set_xlabel("sd over the prior's, each case (-)", fontsize=8)
         return style.png(figure)
 
 

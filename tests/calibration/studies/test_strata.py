@@ -63,7 +63,8 @@ def test_the_summary_counts_each_part(rows):
     assert sum(one["90"]["n"] for one in at_bound if one) == COUNT
     assert "an effect's size" in strata_table.table(found)
     documents = strata_table.documents(found, rows)
-    assert documents["sbc_strata.png"].startswith(b"\x89PNG")
+    for picture in ("sbc_strata.png", "sbc_strata_coverage.png"):
+        assert documents[picture].startswith(b"\x89PNG")
 
 
 def test_the_band_holds_uniform_ranks_and_not_those_of_intervals_too_narrow():
