@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import cost_at, minus_log_posterior
@@ -29,6 +29,7 @@ ALL_ROUND = np.arange(1, 12) * EDGE / 6.0  # angles tried, beside the one that t
 LATE_S = (-0.12, 0.5, 0.03)  # from, to, step; moments at which a line begins to move, tried likewise,
 SLOW = np.arange(-1.5, 2.1, 0.7)  # ... with time constants, in sds of their prior
 LOUDER, FOLLOWED, MOST_LOOKS = 10.0, 3, 12  # factor on the noise meanwhile, lines that are followed, steps of each
+RELOOKS, GAINS = 25, 1.0  # steps of a run that is looked at once more, and by how much its squares have to shrink
 FAR_OFF = 1e4  # noise sds; farther off is no worse
 
 
@@ -66,6 +67,28 @@ def with_lines(comparison: Comparison, f: Function, z: np.ndarray, u: np.ndarray
     for run in range(len(comparison.problem.blocks.runs)):
         z = _with_line(comparison, f, z, u, run)
     return z
+
+
+def relined(comparison: Comparison, f: Function, z: np.ndarray, u: np.ndarray) -> np.ndarray | None:
+    """A point with all of a run's own unknowns where they suit the readings best, searched from their prior's middle.
+
+    A line that the search left in a corner of its priors is found so, once the motor is about right.
+
+    `z`, shape (n,): the point [-].
+    `u`, shape (5,): the noise [-].
+    Returns the point [-], shape (n,); None where no run is followed better so.
+    """
+    problem, here = comparison.problem, f(z, smooth=True)
+    of_run = [problem.run_of(i) for i in range(f.k)]
+    own = [
+        _Own(comparison, f, z, u, here, run, [i for i in range(f.k) if of_run[i] == run])
+        for run in range(len(problem.blocks.runs))
+    ]
+    found, gained = z.copy(), False
+    for one, end in zip(own, each(lambda one: one.followed(np.zeros(len(one.places)), RELOOKS), own), strict=True):
+        if 2.0 * end.cost < float(np.sum(one(z[one.places]) ** 2)) - GAINS:
+            found[one.places], gained = end.x, True
+    return f.clip(found) if gained else None
 
 
 def loosened(comparison: Comparison, f: Function, z: np.ndarray, here: Prediction, D: np.ndarray) -> list[np.ndarray]:
@@ -111,19 +134,10 @@ def _with_line(comparison: Comparison, f: Function, z: np.ndarray, u: np.ndarray
     cost in which the noise is louder, and the best of them followed.
     """
     problem = comparison.problem
-    here = f(z, smooth=True)
-    white = comparison.whitener(here, u)
     names = [one.name for one in problem.nuisances]
     moved = problem.blocks.runs[run]
     places = [names.index(name) for name in own_of_line(moved.file) if name in names]
-    mine = comparison.known & np.isin(comparison.kind, (RUN + run, LINE))
-
-    def misfit(own: np.ndarray) -> np.ndarray:
-        tried = z.copy()
-        tried[places] = own
-        found = f(f.clip(tried), here, (run,), smooth=True)
-        left = white(comparison.read - np.nan_to_num(comparison.raw(found)))[mine]
-        return np.append(np.clip(left, -FAR_OFF, FAR_OFF), own)
+    misfit = _Own(comparison, f, z, u, f(z, smooth=True), run, places)
 
     begun = []
     for way in ways_of(moved):
@@ -137,11 +151,40 @@ def _with_line(comparison: Comparison, f: Function, z: np.ndarray, u: np.ndarray
                 begun.append(own)
     sizes = each(lambda own: float(np.sum(np.log1p((misfit(own) / LOUDER) ** 2))), begun)
     best = [begun[k] for k in np.argsort(sizes)[:FOLLOWED]]
-    ends = each(lambda own: least_squares(misfit, own, max_nfev=MOST_LOOKS, diff_step=1e-3), best)
+    ends = each(lambda own: misfit.followed(own, MOST_LOOKS), best)
     found = z.copy()
     if ends:
         found[places] = min(ends, key=lambda end: end.cost).x
     return found
+
+
+class _Own:
+    """How far a run and all that is read of lines are off [-], with some of the unknowns elsewhere, and these."""
+
+    def __init__(
+        self,
+        comparison: Comparison,
+        f: Function,
+        z: np.ndarray,
+        u: np.ndarray,
+        here: Prediction,
+        run: int,
+        places: list[int],
+    ) -> None:
+        self.comparison, self.f, self.z, self.here, self.run, self.places = comparison, f, z, here, run, places
+        self.white = comparison.whitener(here, u)
+        self.mine = comparison.known & np.isin(comparison.kind, (RUN + run, LINE))
+
+    def __call__(self, own: np.ndarray) -> np.ndarray:
+        tried = self.z.copy()
+        tried[self.places] = own
+        found = self.f(self.f.clip(tried), self.here, (self.run,), smooth=True)
+        left = self.white(self.comparison.read - np.nan_to_num(self.comparison.raw(found)))[self.mine]
+        return np.append(np.clip(left, -FAR_OFF, FAR_OFF), own)
+
+    def followed(self, own: np.ndarray, looks: int) -> OptimizeResult:
+        """Where least squares lead from a start, in so many steps."""
+        return least_squares(self, own, max_nfev=looks, diff_step=1e-3)
 
 
 def _at_angle(
