@@ -52,6 +52,23 @@ def test_truths_lie_where_laplace_says(rows):
     assert all(row["behind"] < strata_table.MISSED for row in rows)
 
 
+@pytest.mark.parametrize("seed", [640_020, pytest.param(640_030, marks=pytest.mark.long)])
+def test_the_search_follows_the_lines_of_runs_in_time(seed):
+    """A line that fills or empties can be followed in several ways, of which one is far better."""
+    assert calibrate({"stratum": "runs", "seed": seed, "emcee": False})["behind"] < 0.0
+
+
+def test_a_real_supplys_design_is_of_another_bench_for_each_seed():
+    first, second = (case_of(STRATA["real_supplies"], SEED + i) for i in range(2))
+    assert first.comparison.read.size != second.comparison.read.size
+    first.comparison.see_pulses(first.z)
+    predicted = Function(first.comparison, ())(first.z)
+    white = first.comparison.whitener(predicted, first.u)
+    left = white(first.comparison.read - first.comparison.raw(predicted))
+    low, high = stats.chi2.ppf([0.0005, 0.9995], left.size)
+    assert low < float(left @ left) < high
+
+
 def test_the_summary_counts_each_part(rows):
     found = strata_table.summary([*rows, {"name": f"sweep-{SEED + COUNT}", "error": "it broke"}], SEED, "code")
     sweep, effect = found["strata"]["sweep"], found["strata"]["sweep_effect"]
