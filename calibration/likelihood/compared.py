@@ -295,6 +295,10 @@ class Compared(Protocol):
         """Where a search starts: the prior's middle, or a better guess [-], shape (n_nuisances,)."""
         return np.zeros(len(self.problem.nuisances))
 
+    def relined(self, f: Function, z: np.ndarray, u: np.ndarray) -> np.ndarray | None:
+        """A point with what is a run's own where it suits the readings better, all else as it is; None without."""
+        return None
+
     def turned(self, f: Function, z: np.ndarray, u: np.ndarray, here: Prediction) -> tuple[np.ndarray, Prediction]:
         """A point with its angles at the best of a few, and the prediction there."""
         return z, here

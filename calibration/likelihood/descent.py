@@ -18,7 +18,7 @@ import numpy as np
 
 from calibration.likelihood.compared import Compared, Prediction
 from calibration.likelihood.function import Function
-from calibration.likelihood.mode import Mode, close, cost_at, robust_weights, suiting_noise
+from calibration.likelihood.mode import Mode, close, cost_at, cost_of, robust_weights, suiting_noise
 from calibration.unknowns.effects import is_size
 from calibration.unknowns.priors import NOISE_SD
 
@@ -38,6 +38,9 @@ SETTLED, ROUGH = 0.01, 0.05  # nats gained by a step, below which a search ends;
 NOISE_SETTLED = 0.05  # of the noise's prior sds: a larger change asks for another point
 HOPELESS = 70.0  # nats behind the best set's end from which a search is not gone on with
 LITTLE = 1.0  # nats that a search so far behind has to gain by a step, or that one loses to a bend of its valley
+FEW = 2  # effects from which on a set begins where a smaller one ended, with lines that were looked for again
+MOST_RELINED, RELINED_GAIN = 3, 1.0  # times that lines are looked for again, while that gains so many nats
+MUCH_ELSE = 10.0  # nats that an effect gained, after which other lines may suit the readings
 STALE = 25.0  # squared length of a step, in posterior sds, after which derivatives are taken anew
 PULLED = 3.0  # sds from which a nuisance is handed over to the effect that has its form
 
@@ -77,6 +80,8 @@ def find(
         return _closed(comparison, names, nearest)
     # With runs in time a search takes its time: the best alone goes on.
     ends = [nearest] if comparison.in_time else _apart(ends)
+    if not f.names or (len(f.names) < FEW and _gained(comparison, starts, nearest) > MUCH_ELSE):
+        ends = [_relined(f, comparison, end) for end in ends]
     ends += [_trusting(f, comparison, end) for end in ends if _some_bad(comparison, end)]
     ends = [_descend(f, comparison, end, correlated=True, found=True) for end in ends]
     return max((_closed(comparison, names, end) for end in ends), key=lambda mode: mode.log_evidence)
@@ -210,6 +215,29 @@ def _apart(ends: Sequence[_Point]) -> list[_Point]:
         if all(float(np.max(np.abs(end.z - one.z))) > SAME for one in kept):
             kept.append(end)
     return kept
+
+
+def _gained(comparison: Compared, starts: Sequence[Mode | None], end: _Point) -> float:
+    """How much more probable the end of a search is than the best mode that it began with [nats]."""
+    begun = [cost_of(comparison, start) for start in starts if start is not None]
+    return min(begun, default=math.inf) - _cost(comparison, end)
+
+
+def _relined(f: Function, comparison: Compared, end: _Point) -> _Point:
+    """The end of a search, or where one leads that looks for the lines of runs once more, while that gains."""
+    for _ in range(MOST_RELINED):
+        z = comparison.relined(f, end.z, end.u)
+        if z is None:
+            break
+        predicted = f(z)
+        if not comparison.is_told(predicted):
+            break
+        other = _descend(f, comparison, replace(end, z=z, predicted=predicted))
+        gain = _cost(comparison, end) - _cost(comparison, other)
+        end = other if gain > 0.0 else end
+        if gain < RELINED_GAIN:
+            break
+    return end
 
 
 def _some_bad(comparison: Compared, end: _Point) -> bool:

@@ -9,15 +9,14 @@ import numpy as np
 
 from calibration.likelihood.descent import find
 from calibration.likelihood.function import Function
-from calibration.likelihood.mode import Mode, cost_at
+from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.predict.carried import carried
 from calibration.systems.radial_piston.predict.problem import Problem
-from calibration.systems.radial_piston.run_starts import relined, with_lines
+from calibration.systems.radial_piston.run_starts import with_lines
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
 
-MOST_RELINED, RELINED_GAIN = 3, 0.5  # times that lines are looked for again, while it gains so many nats
 OFF = 5.0  # sds beyond which a reading that stands out from its neighbours says nothing of their noise
 
 
@@ -35,7 +34,7 @@ def base_of(comparison: Comparison) -> Mode:
         comparison.noise.leave_alone(misread, count == 1)
     if comparison.problem.blocks.runs:
         comparison.see_pulses(base.z)
-        return _relined(comparison, find(comparison, (), base, None))  # where the plateaus led, a line may be caught
+        return find(comparison, (), base, None)  # where the plateaus led, a line may be caught far off
     return find(comparison, (), base) if misread.any() else base
 
 
@@ -52,25 +51,6 @@ def _by_plateaus(comparison: Comparison) -> Mode | None:
     comparison.see_pulses(z)
     D, nothing = np.zeros((comparison.read.size, z.size)), np.zeros(comparison.read.size)
     return Mode((), z, mode.u, D, D, nothing, np.eye(z.size), 0.0, nothing, f(z))
-
-
-def _relined(comparison: Comparison, base: Mode) -> Mode:
-    """The base model with the lines of its runs looked for once more, while that gains."""
-    f = Function(comparison, ())
-    for _ in range(MOST_RELINED):
-        z = relined(comparison, f, base.z, base.u)
-        if z is None:
-            break
-        try:
-            other = find(comparison, (), replace(base, z=z))
-        except ArithmeticError:
-            break
-        gain = cost_at(comparison, base.z, base.u, base.prediction, found=True)
-        gain -= cost_at(comparison, other.z, other.u, other.prediction, found=True)
-        base = other if gain > 0.0 else base
-        if gain < RELINED_GAIN:
-            break
-    return base
 
 
 def _standing_out(comparison: Comparison, mode: Mode) -> np.ndarray:

@@ -64,6 +64,7 @@ class Comparison(Compared):
     check = not_described.CHECK
     base = base_of
     turned = run_starts.turned
+    relined = run_starts.relined
     loosened = run_starts.loosened
     along_valley = valley.along_valley
     known_derivative = derivatives.known_derivative
