@@ -80,10 +80,11 @@ def find(
         return _closed(comparison, names, nearest)
     # With runs in time a search takes its time: the best alone goes on.
     ends = [nearest] if comparison.in_time else _apart(ends)
-    if not f.names or (len(f.names) < FEW and _gained(comparison, starts, nearest) > MUCH_ELSE):
-        ends = [_relined(f, comparison, end) for end in ends]
+    looks_again = not f.names or (len(f.names) < FEW and _gained(comparison, starts, nearest) > MUCH_ELSE)
     ends += [_trusting(f, comparison, end) for end in ends if _some_bad(comparison, end)]
     ends = [_descend(f, comparison, end, correlated=True, found=True) for end in ends]
+    if looks_again:
+        ends = [_relined(f, comparison, end) for end in ends]
     return max((_closed(comparison, names, end) for end in ends), key=lambda mode: mode.log_evidence)
 
 
@@ -233,7 +234,8 @@ def _relined(f: Function, comparison: Compared, end: _Point) -> _Point:
         if not comparison.is_told(predicted):
             break
         other = _descend(f, comparison, replace(end, z=z, predicted=predicted))
-        gain = _cost(comparison, end) - _cost(comparison, other)
+        other = _descend(f, comparison, other, correlated=True, found=True)
+        gain = _cost(comparison, end, found=True) - _cost(comparison, other, found=True)
         end = other if gain > 0.0 else end
         if gain < RELINED_GAIN:
             break
