@@ -80,7 +80,9 @@ def find(
         return _closed(comparison, names, nearest)
     # With runs in time a search takes its time: the best alone goes on.
     ends = [nearest] if comparison.in_time else _apart(ends)
-    looks_again = not f.names or (len(f.names) < FEW and _gained(comparison, starts, nearest) > MUCH_ELSE)
+    looks_again = comparison.in_time and (
+        not f.names or (len(f.names) < FEW and _gained(comparison, starts, nearest) > MUCH_ELSE)
+    )
     ends += [_trusting(f, comparison, end) for end in ends if _some_bad(comparison, end)]
     ends = [_descend(f, comparison, end, correlated=True, found=True) for end in ends]
     if looks_again:
@@ -227,11 +229,12 @@ def _gained(comparison: Compared, starts: Sequence[Mode | None], end: _Point) ->
 def _relined(f: Function, comparison: Compared, end: _Point) -> _Point:
     """The end of a search, or where one leads that looks for the lines of runs once more, while that gains."""
     for _ in range(MOST_RELINED):
-        z = comparison.relined(f, end.z, end.u)
-        if z is None:
+        try:
+            z = comparison.relined(f, end.z, end.u)
+            predicted = None if z is None else f(z)
+        except ArithmeticError:  # no reading on the way
             break
-        predicted = f(z)
-        if not comparison.is_told(predicted):
+        if z is None or predicted is None or not comparison.is_told(predicted):
             break
         other = _descend(f, comparison, replace(end, z=z, predicted=predicted))
         other = _descend(f, comparison, other, correlated=True, found=True)

@@ -182,10 +182,8 @@ class Course:
         else:
             _fill(begun, *self._lags(), found)
         forms = np.array([self.own[f"{way}_form_{k}"] for k in range(len(FORMS))])
-        if (
-            way == VENTING
-        ):  # what raises an empty line counts up: derivatives are taken upwards, and down it does not go
-            forms = -forms
+        if way == VENTING:
+            forms = -forms  # up is more pressure: an empty line goes nowhere else, and derivatives are taken upwards
         _add_forms(begun / (slow + fast), forms, found)
         answer: np.ndarray = np.where(after > 0.0, found.reshape(after.shape), 0.0)
         return answer
