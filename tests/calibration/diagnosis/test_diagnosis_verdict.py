@@ -217,7 +217,7 @@ def test_dry_friction_that_hides_behind_the_rollers_is_not_excluded_and_gets_its
     assert "not excluded: coulomb_friction" in found["why"]
     rivals = [one["effects"] for one in found["rivals"]]
     assert rivals[:2] == [[], ["coulomb_friction"]]
-    assert "Still possible: “dry friction (coulomb_friction)” " in sentence(found)
+    assert "Still possible: “dry friction (coulomb_friction)”" in sentence(found)
     assert found["f_overall_before"]["q95"] < true
     assert found["f_overall_after"]["q05"] < true < found["f_overall_after"]["q95"]
     assert {"nothing missing", "coulomb_friction"} <= set(found["next_tests"][0]["separates"])
