@@ -52,12 +52,14 @@ def test_truths_lie_where_laplace_says(rows):
     assert all(row["behind"] < strata_table.MISSED for row in rows)
 
 
-@pytest.mark.parametrize("seed", [640_020, pytest.param(640_030, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [640_020, 640_030])
 def test_the_search_follows_the_lines_of_runs_in_time(seed):
     """A line that fills or empties can be followed in several ways, of which one is far better."""
     assert calibrate({"stratum": "runs", "seed": seed, "emcee": False})["behind"] < 0.0
 
 
+@pytest.mark.long
 def test_a_real_supplys_design_is_of_another_bench_for_each_seed():
     first, second = (case_of(STRATA["real_supplies"], SEED + i) for i in range(2))
     assert first.comparison.read.size != second.comparison.read.size
