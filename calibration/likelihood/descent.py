@@ -80,9 +80,9 @@ def find(
         return _closed(comparison, names, nearest)
     # With runs in time a search takes its time: the best alone goes on.
     ends = [nearest] if comparison.in_time else _apart(ends)
-    looks_again = comparison.in_time and (
-        not f.names or (len(f.names) < FEW and _gained(comparison, starts, nearest) > MUCH_ELSE)
-    )
+    looks_again = comparison.in_time and len(f.names) < FEW
+    if looks_again and f.names and not comparison.problem.effect(f.names[0]).hidden:
+        looks_again = _gained(comparison, starts, nearest) > MUCH_ELSE
     ends += [_trusting(f, comparison, end) for end in ends if _some_bad(comparison, end)]
     ends = [_descend(f, comparison, end, correlated=True, found=True) for end in ends]
     if looks_again:
