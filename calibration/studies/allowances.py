@@ -16,7 +16,6 @@ import math
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ import numpy as np
 
 from calibration.challenge.pages.tables import Grid, as_markdown
 from calibration.studies.campaigns import Row, Rows, Study, main, whole_number
-from calibration.studies.follow_ups import FAMILY, dry_friction_alone
+from calibration.studies.follow_ups import FAMILY, nothing_concealed
 from calibration.unknowns.priors import OfRun, Unknown
 from calibration.work.many import Item
 from calibration.work.sources import DIAGNOSIS
@@ -78,9 +77,9 @@ def costs(argument: Mapping[str, Any]) -> dict[str, Any]:
     from calibration.likelihood.signatures import signatures
     from rig.recording import read_recording
 
-    truth = replace(dry_friction_alone(draw(FAMILY, argument["seed"], "allowances")), category="none")
+    truth = nothing_concealed(draw(FAMILY, argument["seed"], "allowances"))
     with tempfile.TemporaryDirectory() as place:
-        make_recording(replace(truth, ids=[], effects=[], sizes={}), Path(place) / "recording")
+        make_recording(truth, Path(place) / "recording")
         comparison, mode = fit_base(read_recording(Path(place) / "recording"), lambda _: None)
     unknowns = comparison.problem.nuisances
     groups = [allowance_of(one) for one in unknowns]

@@ -83,23 +83,22 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def nothing_concealed(truth: Any) -> Any:
+    """The same bench with nothing concealed, in a sweep with runs in time."""
+    from calibration.challenge.second_rig.draws import NONE
+
+    nothing = {"ids": [], "effects": [], "sizes": {}, "place": {}, "near_nuisance": False, "total_sds": {}}
+    return replace(truth, category=NONE, **nothing, with_transients=True)
+
+
 def dry_friction_alone(truth: Any) -> Any:
     """The same bench with dry friction alone, in a sweep with runs in time."""
     from calibration.challenge.second_rig.concealed import USUAL, Concealed
     from calibration.challenge.second_rig.draws import SINGLE
 
     values = {"torque_nm": float(np.exp(truth.rng("dry friction").uniform(*np.log(DRY_NM))))}
-    return replace(
-        truth,
-        category=SINGLE,
-        ids=[DRY],
-        effects=[asdict(Concealed(DRY, USUAL[DRY], values))],
-        sizes={DRY: values},
-        place={},
-        near_nuisance=False,
-        total_sds={},
-        with_transients=True,
-    )
+    effects = [asdict(Concealed(DRY, USUAL[DRY], values))]
+    return replace(nothing_concealed(truth), category=SINGLE, ids=[DRY], effects=effects, sizes={DRY: values})
 
 
 def _step(truth: Any, found: Any) -> dict[str, Any]:

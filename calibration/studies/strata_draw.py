@@ -13,7 +13,6 @@ import tempfile
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy as np
 from calibration.data.runs import UNTOLD
 from calibration.fit.whole import parts_of
 from calibration.likelihood.function import Function
+from calibration.studies.follow_ups import nothing_concealed
 from calibration.studies.nulls_draw import OF_A_BENCH, null_recording
 from calibration.systems.look_up import compared
 from calibration.systems.radial_piston.comparison import Comparison
@@ -29,24 +29,14 @@ from calibration.systems.several.comparison import Several
 from calibration.unknowns import priors
 from calibration.unknowns.effects import sampled
 from calibration.unknowns.priors import OfRun
-from model.layout import L_MIN, RPM
 from rig.recording import Recording, read_recording
+from rig.recording.columns import OF_CHANNEL
 
 EFFECTS = ("coulomb_friction", "windage", "leakage", "flow_scale")
 DESIGN_SEED = 5  # a motor of ordinary friction that turns at every level and all along both runs
 DRIFT = 0.5  # sd of an offset's drift from day to day, of the offset's
 TRIES = 1000
 SEEDS = 1_000_000  # from one design's seed to that of the next, where it is drawn anew
-NOTHING_CONCEALED: dict[str, Any] = {
-    "category": "none",
-    "ids": [],
-    "effects": [],
-    "sizes": {},
-    "place": {},
-    "near_nuisance": False,
-    "total_sds": {},
-    "with_transients": True,
-}
 
 
 @dataclass(frozen=True)
@@ -145,7 +135,7 @@ def _of_second_rig(seed: int) -> Recording:
     from calibration.challenge.second_rig import draw, make_recording
 
     for of_design in range(seed, seed + TRIES * SEEDS, SEEDS):
-        truth = replace(draw("development", of_design, "follow-ups"), **NOTHING_CONCEALED)
+        truth = nothing_concealed(draw("development", of_design, "follow-ups"))
         with tempfile.TemporaryDirectory() as place:
             make_recording(truth, folder := Path(place) / "recording")
             recording = read_recording(folder)
@@ -207,13 +197,12 @@ def _with_readings(
         files = []
         for file in recording.files:
             columns = dict(file.columns)
-            for name, factor, seen, values in zip(
-                ("flow_l_min", "speed_rpm"), (L_MIN, RPM), known, flow_speed, strict=True
-            ):
+            for channel, seen, values in zip(("flow", "speed"), known, flow_speed, strict=True):
                 mine = np.flatnonzero((names == file.file) & seen)
                 if mine.size:
+                    name, to_si = OF_CHANNEL[channel].column, OF_CHANNEL[channel].to_si
                     shown_there = columns[name].values.copy()
-                    shown_there[plateaus.row[mine] - 1] = values[mine] * factor
+                    shown_there[plateaus.row[mine] - 1] = values[mine] / to_si
                     columns[name] = replace(columns[name], values=shown_there)
             files.append(replace(file, columns=columns))
         shown.append(replace(recording, files=tuple(files)))
