@@ -167,6 +167,25 @@ class Noise(compared.Noise):
         Returns `step`: to add to u [-]; `information`: with the prior's; of what the samples say of a correlation that
         is not stepped, nothing [-].
         """
+        if u[2] < 0.0 and self.step.size:
+            # Samples are no quieter than declared: what they say of louder noise is seen from there alone.
+            declared = u.copy()
+            declared[2] = PROBE
+            step, information = self._step_of(difference, declared, slopes, angle, weight, columns, correlated)
+            if step[2] > 0.0:
+                return step + declared - u, information
+        return self._step_of(difference, u, slopes, angle, weight, columns, correlated)
+
+    def _step_of(
+        self,
+        difference: np.ndarray,
+        u: np.ndarray,
+        slopes: Slopes,
+        angle: np.ndarray,
+        weight: np.ndarray,
+        columns: np.ndarray | None,
+        correlated: bool,
+    ) -> tuple[np.ndarray, np.ndarray]:
         slope, information = -u / SPREAD**2, np.diag(SPREAD**-2.0)
         for add in (
             self._of_plateaus(difference, u, slopes, angle, weight > 0.5, columns),

@@ -106,6 +106,20 @@ def test_a_step_of_the_noise_follows_the_slope_of_the_restricted_likelihood(swee
     np.testing.assert_allclose(information @ step, numeric, rtol=1e-4, atol=1e-4)
 
 
+def test_loud_samples_are_heard_though_the_plateaus_are_quiet(comparison, prediction):
+    """Samples are taken for no quieter than declared: below that their loudness has no slope."""
+    quiet, loud = np.array([0.0, 0.0, -0.4, 0.0, 0.0]), np.array([0.0, 0.0, 0.6, 0.0, 0.0])
+    plateaus, runs = (drawn(comparison, prediction, u, 1, np.random.default_rng(4))[0] for u in (quiet, loud))
+    difference = np.append(plateaus[: 2 * comparison.n], runs[2 * comparison.n :])
+    ends = []
+    for u in (quiet, loud):
+        for _ in range(12):
+            u = u + comparison.noise_step(difference, prediction, u, np.ones(difference.size))[0]
+        ends.append(u)
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-3)
+    assert ends[0][2] > 0.4
+
+
 @pytest.mark.parametrize("correlation", [0.0, 0.6])
 def test_correlations_are_found_within_their_errors(sweep_mode, correlation):
     comparison, mode = sweep_mode
