@@ -140,13 +140,16 @@ class Integrated:
 
     def at(self, z: np.ndarray) -> Point | None:
         """The posterior at one point; None where the model gives no reading."""
-        comparison, (full, u) = self.comparison, self.whole(z)
+        full, u = self.whole(z)
         try:
             prediction = self.f(full)
         except ArithmeticError:
             return None
-        if not comparison.is_told(prediction):
-            return None
+        return self.given(full, u, prediction) if self.comparison.is_told(prediction) else None
+
+    def given(self, full: np.ndarray, u: np.ndarray, prediction: Any) -> Point | None:
+        """The same of a whole point with its prediction, what is a run's own as at the mode; ``full`` is changed."""
+        comparison = self.comparison
         white, raw = comparison.whitener(prediction, u), comparison.raw(prediction)
         r, J = white(comparison.read - raw), white(self.D)
         weighed = J * self.weight[:, None]

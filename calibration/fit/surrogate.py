@@ -9,6 +9,7 @@ the true posterior accepts (`calibration.fit.moves.DelayedAcceptance`).
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,11 +37,14 @@ class _AlongNoise:
     `changes`: what the form changes by with the noise scales of each recording.
     `tables`, shape (NODES.size, k): minus the log likelihood at the mode along each scale, at `NODES`, less that at the
         mode's noise, and less half of what the form there changes by [-].
+    `together`: of each recording, shape (FORMS.size to the number of scales,): what is added to the tables where
+        several scales change, as `_Changes.forms` [-].
     """
 
     form: np.ndarray
     changes: list[_Changes]
     tables: np.ndarray
+    together: list[np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -104,8 +108,9 @@ class Surrogate:
         at_noise_of_mode = np.maximum(_squared(terms, self._along.form), 0.0)
         misfit = at_noise_of_mode.copy()
         normalisation = np.zeros(len(z))
-        for scales, changes in zip(target.scales_of, self._along.changes, strict=True):
+        for scales, changes, together in zip(target.scales_of, self._along.changes, self._along.together, strict=True):
             changes.added_to(misfit, terms, _shares(change[:, scales], target.spread[scales]))
+            normalisation += _of_all(_hats(change[:, scales])) @ together
         for k in range(target.spread.size):
             normalisation += np.interp(change[:, k], NODES, self._along.tables[:, k])
         # No misfit falls faster than the square of the scale that grows most, nor grows faster.
@@ -122,20 +127,26 @@ class Surrogate:
 
     def _expanded(self, coefficients: np.ndarray, typical: np.ndarray) -> _AlongNoise:
         form = self._form(self.target.mode.u, coefficients)
-        target, changes = self.target, []
-        tables = np.column_stack([self._at_mode(k) for k in range(target.spread.size)])
-        alone = np.zeros((NODES.size, len(form)))
-        alone[:, 0] = 1.0  # the terms at the mode
+        target, changes, together = self.target, [], []
+        tables = np.empty((NODES.size, target.spread.size))
+        at_mode = np.zeros((1, len(form)))
+        at_mode[:, 0] = 1.0  # the terms there
         for scales in target.scales_of:
-            steps = itertools.product(FORMS, repeat=scales.size)
-            forms = np.array([self._form(self._noise(scales, np.array(one)), coefficients) - form for one in steps])
+            steps = np.array(list(itertools.product(FORMS, repeat=scales.size)))
+            forms = np.array([self._form(self._noise(scales, one), coefficients) - form for one in steps])
             changes.append(_in_few_directions(forms, typical))
+
+            def rest(moved: np.ndarray, scales: np.ndarray = scales) -> np.ndarray:
+                of_forms = np.zeros(len(moved))
+                terms = np.repeat(at_mode, len(moved), axis=0)
+                changes[-1].added_to(of_forms, terms, _shares(moved, target.spread[scales]))
+                return np.array([self._at_mode(scales, one) for one in moved]) - 0.5 * of_forms
+
             for place, k in enumerate(scales):
-                along, at_mode = np.zeros((NODES.size, scales.size)), np.zeros(NODES.size)
-                along[:, place] = NODES
-                changes[-1].added_to(at_mode, alone, _shares(along, target.spread[scales]))
-                tables[:, k] -= 0.5 * at_mode
-        return _AlongNoise(form, changes, tables)
+                tables[:, k] = rest(np.outer(NODES, np.eye(scales.size)[place]))
+            alone = sum(np.interp(steps[:, place], NODES, tables[:, k]) for place, k in enumerate(scales))
+            together.append(rest(steps) - alone)
+        return _AlongNoise(form, changes, tables, together)
 
     def _noise(self, scales: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """The mode's noise with some scales moved by prior sds [-]."""
@@ -145,18 +156,16 @@ class Surrogate:
         u[target.comparison.noise.scales] += moved
         return u
 
-    def _at_mode(self, k: int) -> np.ndarray:
-        """Minus the log likelihood at the mode along a noise scale, shape (NODES.size,), less that at its own [-]."""
-        centre = self.target.centre()
-        place, found = self.target.shared.size + k, np.full(NODES.size, np.inf)
-        begin = self.target.at(centre)
-        for i, node in enumerate(NODES):
-            z = centre.copy()
-            z[place] += node
-            point = self.target.at(z)
-            if begin is not None and point is not None:
-                found[i] = begin.log_prob - point.log_prob - 0.5 * (z[place] ** 2 - centre[place] ** 2)
-        return found
+    def _at_mode(self, scales: np.ndarray, steps: np.ndarray) -> float:
+        """Minus the log likelihood at the mode with some noise scales moved by prior sds, less that at its own [-]."""
+        target = self.target
+        mode, noise = target.mode, target.comparison.noise.scales
+        prior, log_prob = [], []
+        for u in (mode.u, self._noise(scales, steps)):
+            point = target.given(mode.z.copy(), u, mode.prediction)
+            prior.append(0.5 * float(np.sum((u[noise] / target.spread) ** 2)))
+            log_prob.append(math.inf if point is None else point.log_prob)
+        return (log_prob[0] + prior[0]) - (log_prob[1] + prior[1])
 
     def _form(self, u: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """What the misfit is in terms of `terms`, what is the runs' own integrated out."""
@@ -200,8 +209,25 @@ def _shares(change: np.ndarray, spread: np.ndarray) -> np.ndarray:
     found = np.empty((*change.shape, FORMS.size))
     for k, sd in enumerate(spread):
         grid, there = np.exp(-2.0 * sd * FORMS), np.exp(-2.0 * sd * np.clip(change[:, k], FORMS[0], FORMS[-1]))
-        for node, unit in enumerate(np.eye(FORMS.size)):
-            found[:, k, node] = np.interp(there, grid[::-1], unit[::-1])
+        found[:, k] = _between(grid[::-1], there)[:, ::-1]
+    return found
+
+
+def _hats(change: np.ndarray) -> np.ndarray:
+    """The same, straight in the logarithm of each scale."""
+    return np.stack([_between(FORMS, one) for one in change.T], axis=1)
+
+
+def _between(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """How much each node counts at each place, straight between them, shape (x.size, nodes.size)."""
+    return np.stack([np.interp(x, nodes, unit) for unit in np.eye(nodes.size)], axis=1)
+
+
+def _of_all(shares: np.ndarray) -> np.ndarray:
+    """How much each combination of nodes counts, the last scale running fastest, shape (n, nodes to the power k)."""
+    found = np.ones((len(shares), 1))
+    for one in np.moveaxis(shares, 1, 0):
+        found = (found[:, :, None] * one[:, None, :]).reshape(len(shares), -1)
     return found
 
 

@@ -22,6 +22,7 @@ from calibration.fit.surrogate import Surrogate, scattered, simulated, wanted
 from calibration.fit.transport import TransportMap
 from calibration.fleet import fit_all
 from calibration.likelihood.mode import minus_log_posterior
+from calibration.studies.strata_draw import STRATA, case_of
 from model.motor import read_motor
 from rig.recording import read_recording
 from tests.densities import log_normal
@@ -241,6 +242,21 @@ def test_what_is_integrated_out_in_first_order_is_as_likely_as_the_full_model_fi
         z[:n] += sds * root[:, k]
         fallen = target.at(top).log_prob - target.at(z).log_prob
         assert fallen == pytest.approx(least_cost(target, z) - least_cost(target, top), abs=0.1 + 0.1 * abs(fallen))
+
+
+@pytest.mark.slow
+def test_the_stand_in_knows_what_noise_scales_do_together():
+    """A quieter gauge and a louder tachometer leave the speeds' scatter as it is."""
+    comparison = case_of(STRATA["sweep"], 770_000).comparison
+    target = Integrated(comparison, comparison.base())
+    stand_in = Surrogate(target, *simulated(target, scattered(target, np.random.default_rng(2), 2 * wanted(target))))
+    moved = np.array([[-2.8, 0.0, 3.6], [-1.0, 0.5, 1.0], [2.0, -2.0, 1.0], [0.5, 0.5, -3.0]])
+    z = np.repeat(target.centre()[None], 1 + len(moved), axis=0)
+    z[1:, target.shared.size :] += moved
+    above = stand_in.log_prob(z) - target.log_prob(z)
+    above -= above[0]
+    assert above[1] < 1.0  # far out it may have too little mass, but none where the posterior has none
+    np.testing.assert_allclose(above[2:], 0.0, atol=1.0)
 
 
 @pytest.mark.slow
