@@ -20,10 +20,11 @@ from configs.compiled import njit
 
 WIDER = 1.2  # than the curvature says: where coefficients are fitted
 POINTS_PER_TERM, FEWEST_POINTS = 4.0, 100
-ROUNDS = 2  # of fitting: about the mode first, then where the first stand-in has its mass
+ROUNDS = 3  # of fitting: about the mode first, then where the stand-in before has its mass
+KEPT = 2  # last rounds whose simulations count: those about the mode lie off a bent valley
 START = 2000  # points about the mode that a first look at the stand-in begins with
 PENALTY = 1e-3  # on each coefficient, of a coordinate with unit spread
-FARTHEST = 9.0  # spreads from the mode; farther out polynomials go anywhere
+FARTHEST = 9.0  # sds of an unknown from the mode; farther out polynomials go anywhere
 NODES = np.linspace(-5.0, 5.0, 41)  # prior sds of a noise scale about the mode's
 FORMS = np.array([-4.0, -1.5, 0.0, 1.5, 4.0])  # the same, where the misfit is expanded
 LEFT_OUT = 0.01  # of twice a nat: what directions that are left out may add at a typical point
@@ -76,23 +77,23 @@ class Surrogate:
         n = target.shared.size
         self._root = np.linalg.cholesky(target.mode.covariance[np.ix_(target.shared, target.shared)])
         self._pairs = np.triu_indices(n)
-        terms = self.terms(points)
+        terms = self.terms(self.steps(points))
         gram = terms.T @ terms + PENALTY * np.eye(terms.shape[1])
         coefficients = np.linalg.solve(gram, terms.T @ (readings - target.raw))
         self._along = self._expanded(coefficients, np.linalg.cholesky(gram / len(terms)))
 
-    def coordinates(self, z: np.ndarray) -> np.ndarray:
-        """Straight steps from the mode in units of its spread, shape (n_points, n_shared); ``z`` as `log_prob` [-]."""
+    def steps(self, z: np.ndarray) -> np.ndarray:
+        """Straight steps from the mode, shape (n_points, n_shared); ``z`` as `log_prob` [-]."""
         target, n = self.target, self.target.shared.size
         moved = z[:, :n] - target.mode.z[target.shared]
         rate = target.f.log_step[target.shared]
         curved = rate != 0.0
         moved[:, curved] = np.expm1(np.clip(moved[:, curved] * rate[curved], -30.0, 30.0)) / rate[curved]
-        return np.linalg.solve(self._root, moved.T).T
+        return moved
 
-    def terms(self, z: np.ndarray) -> np.ndarray:
-        """1, the coordinates, all their products of two and their cubes, shape (n_points, p) [-]."""
-        x = self.coordinates(z)
+    def terms(self, steps: np.ndarray) -> np.ndarray:
+        """1, the steps in the mode's spread, all their products of two and their cubes, shape (n_points, p) [-]."""
+        x = np.linalg.solve(self._root, steps.T).T
         return np.hstack([np.ones((len(x), 1)), x, x[:, self._pairs[0]] * x[:, self._pairs[1]], x**3])
 
     def log_prob(self, z: np.ndarray) -> np.ndarray:
@@ -103,7 +104,8 @@ class Surrogate:
         if not near.any():
             return found
         z = z[near]
-        terms = self.terms(z)
+        steps = self.steps(z)
+        terms = self.terms(steps)
         change = z[:, n:] - target.centre()[n:]
         at_noise_of_mode = np.maximum(_squared(terms, self._along.form), 0.0)
         misfit = at_noise_of_mode.copy()
@@ -119,9 +121,9 @@ class Surrogate:
         full = np.repeat(target.mode.z[None, :], len(z), axis=0)
         full[:, target.shared] = z[:, :n]
         log_prob = -0.5 * misfit - normalisation - 0.5 * (z * z).sum(axis=1) + target.tails(full)
-        log_prob[
-            (np.abs(terms[:, 1 : 1 + n]) > FARTHEST).any(axis=1) | (np.abs(change) > NODES[-1]).any(axis=1)
-        ] = -np.inf
+        # Of each unknown, not of what the readings tell best: a bent valley leaves that spread far behind.
+        is_far = (np.abs(steps) > FARTHEST * np.linalg.norm(self._root, axis=1)).any(axis=1)
+        log_prob[is_far | (np.abs(change) > NODES[-1]).any(axis=1)] = -np.inf
         found[near] = log_prob
         return found
 
@@ -271,4 +273,4 @@ def scattered(target: Integrated, rng: np.random.Generator, n: int) -> np.ndarra
 def wanted(target: Integrated) -> int:
     """Simulations that the stand-in's coefficients are fitted to, in each round [-]."""
     n = target.shared.size
-    return max(FEWEST_POINTS, int(POINTS_PER_TERM * (1 + 2 * n + n * (n + 1) // 2) / ROUNDS))
+    return max(FEWEST_POINTS, int(POINTS_PER_TERM * (1 + 2 * n + n * (n + 1) // 2) / KEPT))

@@ -113,7 +113,7 @@ def fit(
     with SideBySide(workers) as side_by_side:
         side_by_side.begin(["calibration.fit.integrated"])
         with threads(workers):
-            stand_in, drawn = _stand_in(target, rng, settings, tell)
+            stand_in, drawn = stand_in_for(target, rng, settings, tell)
 
         def log_prob(z: np.ndarray) -> np.ndarray:
             chunks = np.array_split(z, min(workers, max(len(z), 1)))
@@ -145,21 +145,18 @@ def _begun(target: Integrated, stand_in: Surrogate, drawn: sampling.Chain, rng: 
     return Begun(begin, lambda: made)
 
 
-def _stand_in(
+def stand_in_for(
     target: Integrated, rng: np.random.Generator, settings: Settings, tell: Progress
 ) -> tuple[Surrogate, sampling.Chain]:
     """The stand-in that proposes, and draws of it: fitted about the mode first, then where it has its mass."""
     chosen = dataclasses.replace(STAND_IN, seed=settings.seed)
-    points = np.empty((0, len(target.unknowns)))
-    readings = np.empty((0, target.raw.size))
-    start = surrogate.scattered(target, rng, surrogate.START)
-    begin = start
+    rounds: list[tuple[np.ndarray, np.ndarray]] = []
+    begin = surrogate.scattered(target, rng, surrogate.START)
     for number in range(surrogate.ROUNDS):
         tell(0, settings.effective_samples, f"simulating about the peak, {number + 1} of {surrogate.ROUNDS}")
         there = begin[rng.choice(len(begin), surrogate.wanted(target), replace=False)]
-        more, read = surrogate.simulated(target, there)
-        points, readings = np.vstack([points, more]), np.vstack([readings, read])
-        stand_in = Surrogate(target, points, readings)
+        rounds = [*rounds, surrogate.simulated(target, there)][-surrogate.KEPT :]
+        stand_in = Surrogate(target, *(np.vstack(one) for one in zip(*rounds, strict=True)))
         drawn = sampling.sample(stand_in.log_prob, len(target.unknowns), target.factors, chosen, begun=Begun(begin))
         begin = drawn.flat()
     return stand_in, drawn

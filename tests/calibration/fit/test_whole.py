@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from calibration import fit_quality
-from calibration.fit import moves, surrogate
+from calibration.fit import moves, surrogate, whole
 from calibration.fit.integrated import Integrated
 from calibration.fit.sampling import Begun, Settings, sample
 from calibration.fit.surrogate import Surrogate, scattered, simulated, wanted
@@ -242,6 +242,18 @@ def test_what_is_integrated_out_in_first_order_is_as_likely_as_the_full_model_fi
         z[:n] += sds * root[:, k]
         fallen = target.at(top).log_prob - target.at(z).log_prob
         assert fallen == pytest.approx(least_cost(target, z) - least_cost(target, top), abs=0.1 + 0.1 * abs(fallen))
+
+
+@pytest.mark.long
+def test_the_stand_in_follows_a_bent_valley_to_its_ends():
+    """Two sds along it what the readings tell best is tens of sds off, and the profile rises as Laplace has it."""
+    comparison = case_of(STRATA["sweep"], 780_000).comparison
+    mode = comparison.base()
+    target = Integrated(comparison, mode)
+    _, drawn = whole.stand_in_for(target, np.random.default_rng(1), Settings(), lambda *_: None)
+    place = comparison.problem.place("f_overall")
+    sampled = int(np.flatnonzero(target.shared == place)[0])
+    assert drawn.flat()[:, sampled].std() == pytest.approx(np.sqrt(mode.covariance[place, place]), rel=0.1)
 
 
 @pytest.mark.slow
