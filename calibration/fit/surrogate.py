@@ -130,6 +130,7 @@ class Surrogate:
     def _expanded(self, coefficients: np.ndarray, typical: np.ndarray) -> _AlongNoise:
         form = self._form(self.target.mode.u, coefficients)
         target, changes, together = self.target, [], []
+        own = self._at_mode(target.mode.u)
         tables = np.empty((NODES.size, target.spread.size))
         at_mode = np.zeros((1, len(form)))
         at_mode[:, 0] = 1.0  # the terms there
@@ -142,7 +143,7 @@ class Surrogate:
                 of_forms = np.zeros(len(moved))
                 terms = np.repeat(at_mode, len(moved), axis=0)
                 changes[-1].added_to(of_forms, terms, _shares(moved, target.spread[scales]))
-                return np.array([self._at_mode(scales, one) for one in moved]) - 0.5 * of_forms
+                return np.array([self._at_mode(self._noise(scales, one)) for one in moved]) - own - 0.5 * of_forms
 
             for place, k in enumerate(scales):
                 tables[:, k] = rest(np.outer(NODES, np.eye(scales.size)[place]))
@@ -158,16 +159,14 @@ class Surrogate:
         u[target.comparison.noise.scales] += moved
         return u
 
-    def _at_mode(self, scales: np.ndarray, steps: np.ndarray) -> float:
-        """Minus the log likelihood at the mode with some noise scales moved by prior sds, less that at its own [-]."""
+    def _at_mode(self, u: np.ndarray) -> float:
+        """Minus the log likelihood at the mode with another noise, up to a constant [-]."""
         target = self.target
-        mode, noise = target.mode, target.comparison.noise.scales
-        prior, log_prob = [], []
-        for u in (mode.u, self._noise(scales, steps)):
-            point = target.given(mode.z.copy(), u, mode.prediction)
-            prior.append(0.5 * float(np.sum((u[noise] / target.spread) ** 2)))
-            log_prob.append(math.inf if point is None else point.log_prob)
-        return (log_prob[0] + prior[0]) - (log_prob[1] + prior[1])
+        point = target.given(target.mode.z.copy(), u, target.mode.prediction)
+        if point is None:
+            return math.inf
+        prior = 0.5 * float(np.sum((u[target.comparison.noise.scales] / target.spread) ** 2))
+        return -(point.log_prob + prior)
 
     def _form(self, u: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """What the misfit is in terms of `terms`, what is the runs' own integrated out."""

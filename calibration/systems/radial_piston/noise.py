@@ -167,37 +167,29 @@ class Noise(compared.Noise):
         Returns `step`: to add to u [-]; `information`: with the prior's; of what the samples say of a correlation that
         is not stepped, nothing [-].
         """
+
+        def scored(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            slope, information = -at / SPREAD**2, np.diag(SPREAD**-2.0)
+            for add in (
+                self._of_plateaus(difference, at, slopes, angle, weight > 0.5, columns),
+                self._of_samples(difference, at, angle, weight, correlated),
+            ):
+                slope, information = slope + add[0], information + add[1]
+            step = np.zeros(at.size)
+            places = np.flatnonzero(self.free) if correlated else np.arange(SCALES.stop)
+            found = np.linalg.solve(information[np.ix_(places, places)], slope[places])
+            step[places] = np.clip(found, -LARGEST_STEP, LARGEST_STEP)
+            step[SAMPLES] = max(step[SAMPLES], -at[SAMPLES])  # what neighbours take back is in the angle's part
+            return step, information
+
         if u[2] < 0.0 and self.step.size:
             # Samples are no quieter than declared: what they say of louder noise is seen from there alone.
             declared = u.copy()
             declared[2] = PROBE
-            step, information = self._step_of(difference, declared, slopes, angle, weight, columns, correlated)
+            step, information = scored(declared)
             if step[2] > 0.0:
                 return step + declared - u, information
-        return self._step_of(difference, u, slopes, angle, weight, columns, correlated)
-
-    def _step_of(
-        self,
-        difference: np.ndarray,
-        u: np.ndarray,
-        slopes: Slopes,
-        angle: np.ndarray,
-        weight: np.ndarray,
-        columns: np.ndarray | None,
-        correlated: bool,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        slope, information = -u / SPREAD**2, np.diag(SPREAD**-2.0)
-        for add in (
-            self._of_plateaus(difference, u, slopes, angle, weight > 0.5, columns),
-            self._of_samples(difference, u, angle, weight, correlated),
-        ):
-            slope, information = slope + add[0], information + add[1]
-        step = np.zeros(u.size)
-        places = np.flatnonzero(self.free) if correlated else np.arange(SCALES.stop)
-        found = np.linalg.solve(information[np.ix_(places, places)], slope[places])
-        step[places] = np.clip(found, -LARGEST_STEP, LARGEST_STEP)
-        step[SAMPLES] = max(step[SAMPLES], -u[SAMPLES])  # what neighbours take back is in the angle's part
-        return step, information
+        return scored(u)
 
     def draw_plateaus(self, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Noise of the plateaus' pressures, flows and speeds, rounding apart [SI], shape (3, n).

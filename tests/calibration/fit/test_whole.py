@@ -246,7 +246,7 @@ def test_what_is_integrated_out_in_first_order_is_as_likely_as_the_full_model_fi
 
 @pytest.mark.long
 def test_the_stand_in_follows_a_bent_valley_to_its_ends():
-    """Two sds along it what the readings tell best is tens of sds off, and the profile rises as Laplace has it."""
+    """Two sds along it, what the readings tell best is over nine sds off; the profile rises as Laplace has it."""
     comparison = case_of(STRATA["sweep"], 780_000).comparison
     mode = comparison.base()
     target = Integrated(comparison, mode)
