@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.f_overall import UNSEEN
+from calibration.diagnosis.f_overall import of_solvers
 from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.diagnosis.sizes.sizes import LAW
 from calibration.diagnosis.steps.candidate import Candidate
@@ -123,7 +123,8 @@ def moved(found: Diagnosis, one: Candidate, change: str) -> list[Moved]:
     ]
     weight = np.where(inside, np.exp(np.minimum(log_ratio(z[:, sizes]).sum(axis=1), 50.0)), 0.0)
     z = z[rng.choice(DRAWS, DRAWS, p=weight / weight.sum())]
-    off = 1.0 + (UNSEEN if unchanged(change) == "f_overall" else LAW) * rng.standard_normal(DRAWS)
+    share = of_solvers(found) if unchanged(change) == "f_overall" else LAW
+    off = 1.0 + share * rng.standard_normal(DRAWS)
     made = []
     for quantity, before, after in problem.of_change(change, one.names, z):
         of_shape = quantity.kind == "lognormal" and change not in OF_THE_MOTOR_CHANGED

@@ -3,7 +3,7 @@
 A case is a recording drawn from the priors (`strata_draw`). The model that it was drawn from is found as a diagnosis
 finds it, and the truth is ranked in Laplace's approximation: f_overall, the effect's size, the log likelihood. Where
 all is right, ranks are uniform (Talts et al. 2018, arXiv:1804.06788). Some cases are sampled by emcee too. What a
-diagnosis adds to its intervals for what no model has (`UNSEEN`, `FORM`, `LAW`) is left out.
+diagnosis adds to its intervals for what no model has (`FORM`, `LAW`) is left out.
 
     python -m calibration.studies.strata -o out/strata       # resumable: a case that is there is not made again
 """

@@ -34,11 +34,11 @@ PAIRS = 4  # most pairs refitted
 SEEDS = 2  # singles that pairs are grown from
 NEAR_BEST = 30.0  # nats; where one effect leaves nothing unexplained, no pair is grown from one that is farther behind
 SHARED = 4  # sets in which an effect that changed is tried as one that did not
-SWAPS = 4  # sets tried in the place of the best, one member changed
+SWAPS = 4  # sets with runs in time tried in the place of the best, one member changed
 CLOSE = 10.0  # nats behind the best set within which another is looked for from the best's point too
-# Not tried is what promises less than half of what the member is worth, and is this far behind it in nats: the linear
-# model is seldom off by more.
-HOPELESS_SHARE, HOPELESS = 0.5, 15.0
+# Not tried is what promises less than half of what the member is worth, and is this far behind it in nats. The linear
+# model is seldom off by more than 15; at a wrong pair it was by 26. With runs in time a refit takes seconds.
+HOPELESS_SHARE, HOPELESS, HOPELESS_IN_TIME = 0.5, 40.0, 15.0
 ASTRAY = 1.0  # nats by which a set may fit worse than a part of it, or its search went astray
 AT_ONCE = 3  # refits that a further one does not wait for: two processes then never wait for each other
 
@@ -48,19 +48,19 @@ First = dict[tuple[str, str], float]  # values of effects' unknowns to start fro
 
 @dataclass(frozen=True)
 class _Job:
-    """A set to refit: from the mode of another set, and from the prior's middle too where nothing runs in time.
+    """A set to refit: from the mode of another set, and from the prior's middle too unless `near_alone`.
 
     With runs in time a search takes seconds, and from so far away it ends behind that from the other set.
     """
 
     names: Names
     near: Mode
-    in_time: bool
+    near_alone: bool
     first: First = field(default_factory=dict)
 
     @property
     def starts(self) -> tuple[Mode | None, ...]:
-        return (self.near,) if self.in_time else (self.near, None)
+        return (self.near,) if self.near_alone else (self.near, None)
 
 
 class Search:
@@ -196,26 +196,29 @@ class Search:
     def swap(self) -> None:
         """Refit what may stand in the place of a member of the best set.
 
-        Close to a good fit the linear model orders well: there each member is left out, and each other effect weighed
-        instead of it; the most promising that were not refitted yet are, if they come near what the member is worth.
+        Each member is left out, and each other effect weighed instead of it in the linear model; those that were not
+        refitted yet are, if they come near what the member is worth. Of sweeps all of them are, until nothing better is
+        found: far from a good fit the linear model orders poorly.
         """
         best = self._best()
         if not best:
             return
-        mode, problem = self.modes[best], self.comparison.problem
+        mode, problem, in_time = self.modes[best], self.comparison.problem, self.comparison.in_time
         found = self.signatures_at(best)
         tried: list[tuple[float, float, _Job]] = []
         for member in best:
             rest = {one: z for one, z in values_of(problem, mode).items() if one[0] != member}
             without = self.modes.get(tuple(name for name in best if name != member))
             worth = mode.log_evidence - without.log_evidence if without is not None else 0.0
-            least = min(HOPELESS_SHARE * worth, worth - HOPELESS)
+            least = min(HOPELESS_SHARE * worth, worth - (HOPELESS_IN_TIME if in_time else HOPELESS))
             for name, gain, first in screen(self.comparison, mode, found, mode.u, -math.inf, without=member):
                 names = tuple(sorted({*best, name} - {member}))
                 if names not in self.modes:
-                    tried.append((gain, least, _Job(names, mode, self.comparison.in_time, {**rest, **first})))
-        promising = sorted(tried, key=lambda one: -one[0])[:SWAPS]
+                    tried.append((gain, least, _Job(names, mode, True, {**rest, **first})))
+        promising = sorted(tried, key=lambda one: -one[0])[: SWAPS if in_time else None]
         self._refit([job for gain, least, job in promising if gain >= least])
+        if not in_time and self._best() != best:
+            self.swap()
 
     def weighed(self) -> list[Candidate]:
         """All sets with their probabilities, the most probable first; the base model is among them."""

@@ -201,12 +201,24 @@ def test_a_rival_that_the_screen_at_the_base_model_does_not_see_is_refitted(tmp_
     assert search.modes[("flow_offset", "leakage")].log_evidence > best - 3.0
 
 
-@pytest.mark.parametrize(("promised", "count"), [(19.0, 0), (21.0, 2)])
+@pytest.mark.long
+def test_a_pair_that_the_linear_model_does_not_see_is_named(tmp_path: Path) -> None:
+    """A leak and Stribeck friction: at a leak and windage the linear model gives the friction nothing."""
+    make_recording(draw("development", 18, "unseen-2"), tmp_path / "recording")
+    found = diagnose(read_recording(tmp_path / "recording"))
+    assert found.verdict.chosen is not None
+    assert found.verdict.chosen.names == ("leakage", "stribeck_friction")
+
+
+@pytest.mark.parametrize(
+    ("in_time", "promised", "count"), [(True, 19, 0), (True, 21, 2), (False, -1, 0), (False, 1, 2)]
+)
 def test_what_promises_far_less_than_a_member_is_worth_is_not_refitted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, promised: float, count: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_time: bool, promised: float, count: int
 ) -> None:
-    """Both members are worth 40 nats: half of that has to be in view."""
+    """Both members are worth 40 nats: with runs in time half of that has to be in view."""
     comparison = Comparison(Problem(recordings.sweep(tmp_path, 5, LEAK)))
+    comparison.in_time = in_time
     base = base_of(comparison)
     both = find(comparison, ("flow_offset", "leakage"), base)
     search = Search(comparison, base)
