@@ -10,7 +10,7 @@ import pytest
 
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json
-from calibration.diagnosis.f_overall import SOLVERS_DIFFER, UNSEEN
+from calibration.diagnosis.f_overall import SOLVERS_DIFFER
 from calibration.diagnosis.sizes.not_excluded import undetected
 from calibration.diagnosis.steps.name import beyond
 from calibration.likelihood.descent import find
@@ -66,11 +66,12 @@ def test_f_overall_of_a_consistent_recording_holds_what_may_be_there_unseen(tmp_
 
 
 @pytest.mark.long
-def test_no_interval_of_f_overall_is_narrower_than_the_laws_are_exact(tmp_path: Path) -> None:
+def test_no_interval_of_f_overall_is_narrower_than_two_solvers_differ(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 1, {})
     found = as_json(diagnose(recordings.add_coast_down(tmp_path, 1, {}), seed=1))
     before, after = found["f_overall_before"], found["f_overall_after"]
-    assert SOLVERS_DIFFER < before["sd"] / before["mean"] < UNSEEN < after["sd"] / after["mean"]
+    assert before["sd"] / before["mean"] > SOLVERS_DIFFER
+    assert after["sd"] / after["mean"] > SOLVERS_DIFFER
 
 
 @pytest.mark.long
