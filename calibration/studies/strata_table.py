@@ -210,7 +210,7 @@ def ecdf_plot(results: Rows) -> bytes:
                 if ranks.size:
                     ecdf = np.searchsorted(ranks, places, side="right") / ranks.size
                     axis.plot([0, *places, 1], [0, *(ecdf - places), 0], label=QUANTITIES[of], **style.series(i))
-            axis.set_title(f"{name}: {len(mine)} cases", fontsize=9)
+            axis.set_title(f"{_label(name)}: {len(mine)} cases", fontsize=9)
         axes[-1, 0].set_xlabel("rank of the truth", fontsize=8)
         axes[0, 0].set_ylabel("ECDF less uniform", fontsize=8)
         figure.legend(
@@ -240,7 +240,7 @@ def coverage_plot(found: Row, results: Rows) -> bytes:
         for place, (name, of) in zip(places, shown, strict=True):
             sds = [row["laplace"][of]["sd"] for row in results if row["stratum"] == name and of in row["laplace"]]
             widths.plot(sds, np.full(len(sds), place), "|", color=style.COLOURS[0], alpha=0.4)
-        covered.set_yticks(places, [f"{name}: {QUANTITIES[of]}" for name, of in shown])
+        covered.set_yticks(places, [f"{_label(name)}: {QUANTITIES[of]}" for name, of in shown])
         covered.set_xlim(0.0, 100.0)
         covered.set_xlabel("truths inside, with 95 % intervals (%)", fontsize=8)
         covered.legend(loc="lower left", fontsize=7)
@@ -259,7 +259,14 @@ def against_plot(against: Rows) -> bytes:
             for i, name in enumerate(dict.fromkeys(one["stratum"] for one in against)):
                 x = [one["means_apart"] for one in mine if one["stratum"] == name]
                 y = [one["sd_ratio"] for one in mine if one["stratum"] == name]
-                axis.plot(x, y, "os^vDPX"[i % 7], color=style.COLOURS[i % len(style.COLOURS)], label=name, markersize=4)
+                axis.plot(
+                    x,
+                    y,
+                    "os^vDPX"[i % 7],
+                    color=style.COLOURS[i % len(style.COLOURS)],
+                    label=_label(name),
+                    markersize=4,
+                )
             axis.axhline(1.0, color=style.FAINT, linewidth=0.8)
             axis.axvline(0.0, color=style.FAINT, linewidth=0.8)
             axis.set_title(f"{QUANTITIES[of]}: {len(mine)} cases", fontsize=9)
@@ -267,6 +274,10 @@ def against_plot(against: Rows) -> bytes:
         axes[0].set_ylabel("Laplace's sd over emcee's", fontsize=8)
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
         return style.png(figure)
+
+
+def _label(stratum: str) -> str:
+    return stratum.replace("_", " ")
 
 
 def _made(rows: Rows) -> Rows:
