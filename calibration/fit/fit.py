@@ -95,7 +95,7 @@ def fit(
     mark = fingerprint(recording, motor, measured, settings, effects)
     chain = proposed.draw(likelihood, settings, chain_folder, mark, progress)
     if not chain.converged:
-        raise NotConvergedError(why_not(chain, settings, chain_folder))
+        raise NotConvergedError(why_not(chain, likelihood.unknowns, settings, chain_folder))
     bad = suspects(chain, likelihood, recording)
     result = posterior.summarise(chain, likelihood.unknowns, bad, time.monotonic() - begun)
     return Fit(recording, motor, measured, likelihood, result, settings, tuple(effects))
@@ -193,13 +193,14 @@ def suspects(chain: sampling.Chain, likelihood: Likelihood, recording: Recording
     ]
 
 
-def why_not(chain: sampling.Chain, settings: Settings, folder: Path | None) -> str:
-    """What is missing and what to do about it, in a sentence."""
-    steps = chain.samples.shape[1]
+def why_not(chain: sampling.Chain, unknowns: Sequence[priors.Unknown], settings: Settings, folder: Path | None) -> str:
+    """What is missing, the unknown that limits it, and what to do about it, in a sentence."""
+    steps, slowest = chain.samples.shape[1], unknowns[int(np.argmax(chain.tau))].name
+    wanted = f"{settings.times_tau:g} x {chain.tau.max():.1f}"
     kept = f"; what is drawn is kept in {folder} and is continued" if folder else ""
     return (
-        f"the sampler has not converged in {settings.most_steps} steps: {steps} steps kept against "
-        f"{settings.times_tau:g} x {chain.tau.max():.1f} (autocorrelation time) wanted, R-hat {chain.rhat.max():.4f} "
-        f"(at most {sampling.RHAT}), {chain.effective.min():.0f} effective samples (at least "
-        f"{settings.effective_samples}); give a larger --max-steps{kept}"
+        f"the sampler has not converged in {settings.most_steps} steps: {slowest} limits it; {steps} steps kept "
+        f"against {wanted} (its autocorrelation time) wanted, R-hat {chain.rhat.max():.4f} (at most {sampling.RHAT}), "
+        f"{chain.effective.min():.0f} effective samples (at least {settings.effective_samples}); give a larger "
+        f"--max-steps{kept}"
     )

@@ -14,6 +14,7 @@ from calibration.unknowns.priors import Unknown, values_of
 
 QUANTILES = {"q05": 0.05, "q50": 0.50, "q95": 0.95}
 UNINFORMED = 0.5  # posterior sd over prior sd above which the recording says little of an unknown
+FAR_OFF = 4.0  # prior sds from its prior's middle at which an unknown contradicts it
 SUSPECT = 0.5  # a reading that is more probably bad than good is named
 DRAWS_FOR_ROWS = 400  # draws over which the rows' probabilities and predictions are averaged
 
@@ -79,6 +80,11 @@ class Posterior:
     def prior_dominates(self, name: str) -> bool:
         """Whether the recording narrows an unknown by less than half."""
         return self[name].sd_of_prior > UNINFORMED
+
+    def against_priors(self) -> list[tuple[Estimate, float]]:
+        """Unknowns that contradict their priors, farthest first: by how many prior sds the mean is off [-]."""
+        off = [(one, float(z)) for one, z in zip(self.estimates, self.z.mean(axis=0), strict=True) if abs(z) > FAR_OFF]
+        return sorted(off, key=lambda one: -abs(one[1]))
 
     def share_from_priors(self, name: str) -> float:
         """Share of an unknown's variance that the unknowns which the recording hardly informs explain linearly [-]."""

@@ -127,7 +127,7 @@ def fit(
             log_prob, len(target.unknowns), target.factors, chosen, chain_folder, mark, progress, begin
         )
     if not chain.converged:
-        raise NotConvergedError(why_not(chain, chosen, chain_folder))
+        raise NotConvergedError(why_not(chain, target.unknowns, chosen, chain_folder))
     with threads(workers):
         bands, suspects, draws = _expected(target, posterior.thinned(chain.flat(), BANDS_DRAWS), rng)
     result = posterior.summarise(

@@ -110,10 +110,10 @@ def _panels(found: WholeFit) -> list[along_dates.Panel]:
 
 def remarks(found: WholeFit) -> list[str]:
     """What a person should know beside the table, in sentences."""
-    suspects = found.posterior.suspect_rows
+    suspects, against = found.posterior.suspect_rows, fit_words.against_priors(found.posterior)
     if suspects and fit_words.contradicted(found):
-        return [f"{len(suspects)} readings look bad by this model, which does not explain the rest either"]
-    return [
+        return [f"{len(suspects)} readings look bad by this model, which does not explain the rest either", *against]
+    return against + [
         f"{one.file}: row {one.row}: {one.channel} is probably a bad reading (probability "
         f"{fit_words.probability(one.probability)}); the fit gives it little weight"
         for one in suspects

@@ -195,6 +195,17 @@ def prior_says(found: AnyFit) -> str:
     return f"{which} {spread} {share} that the data hardly tell."
 
 
+def against_priors(posterior: Posterior) -> list[str]:
+    """Each unknown that contradicts its prior, in a sentence."""
+    return [
+        f"the readings contradict the prior of {called(one.unknown)}: "
+        f"{with_unit(prior_in_words(one.unknown), one.unknown.unit)} was given, and the fit says "
+        f"{with_unit(f'{rounded(one.mean, one.sd)} ± {uncertainty(one.sd)}', one.unknown.unit)}, "
+        f"{abs(off):.1f} of the prior's sds from its middle"
+        for one, off in posterior.against_priors()
+    ]
+
+
 def prior_dominates(found: AnyFit) -> bool:
     """Whether f_overall rests on priors: it is hardly narrowed, or fewer rows than a line and a check of it."""
     return found.posterior.prior_dominates(TARGET) or (not found.in_time and found.rows < FEW_ROWS)
@@ -223,7 +234,7 @@ def remarks(found: Fit, suspects: Sequence[Suspect]) -> list[str]:
         sentences += [suspect_in_words(one) for one in suspects]
     if prior_dominates(found):
         sentences.append(prior_says(found).rstrip("."))
-    return sentences + _too_fast(found)
+    return sentences + against_priors(found.posterior) + _too_fast(found)
 
 
 def _too_fast(found: Fit) -> list[str]:

@@ -18,8 +18,10 @@ import pytest
 
 from calibration.data import rows_used
 from calibration.fit import fit as fits
+from calibration.fit.posterior import FAR_OFF
 from calibration.fit.sampling import Settings
 from calibration.report.fit import page as fit_page
+from calibration.report.fit import words as fit_words
 from model.motor import read_motor
 from model.solvers import steady
 from rig.recording import Column, read_recording, write_recording
@@ -266,7 +268,7 @@ def short(windy, spinbench_anywhere) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 def test_too_small_a_budget_ends_with_code_3_and_no_posterior(short, windy):
     assert short.returncode == 3
-    assert "not converged in 50 steps" in short.stderr
+    assert re.search(r"not converged in 50 steps: [a-z_]+ limits it; ", short.stderr)
     assert "give a larger --max-steps" in short.stderr
     assert "Traceback" not in short.stderr
     assert not (windy / "short" / "posterior.json").exists()
@@ -324,6 +326,27 @@ def test_the_prior_dominates_what_a_sweep_does_not_tell(recovered):
 @pytest.mark.slow
 def test_nothing_is_suspect_in_a_simulated_sweep(recovered):
     assert recovered.posterior.suspect_rows == ()
+
+
+@pytest.mark.slow
+def test_a_prior_that_the_readings_contradict_is_named(recovered):
+    z, places = recovered.posterior.z.copy(), [one.unknown.name for one in recovered.posterior.estimates]
+    z[:, places.index("port_lap")] += FAR_OFF + 1.0 - z[:, places.index("port_lap")].mean()
+    assert not [words for words in fit_page.remarks(recovered) if "contradict the prior" in words]
+    (said,) = fit_words.against_priors(replace(recovered.posterior, z=z))
+    assert said.startswith("the readings contradict the prior of the port lap: 8 ± 1 deg was given, and the fit says ")
+    assert said.endswith(", 5.0 of the prior's sds from its middle")
+
+
+@pytest.mark.long
+def test_a_port_lap_given_six_degrees_too_small_is_named_beside_a_good_flow_meter(simulated, tmp_path):
+    recording = read_recording(simulated)
+    meter = replace(recording.channels["flow_l_min"], scale_sd=0.002, bias_sd=0.1)
+    write_recording(replace(recording, channels=recording.channels | {"flow_l_min": meter}), tmp_path / "bench")
+    done = run("bench", "-o", "out", "--set", "port_lap=2", *BRIEF, cwd=tmp_path)
+    words = "the readings contradict the prior of the port lap: 2 ± 1 deg was given, and the fit says"
+    assert words in " ".join(done.stderr.split())
+    assert words in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
