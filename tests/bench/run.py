@@ -21,10 +21,11 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from calibration.fit.sampling import Settings
 from model.motor import read_motor
+from rig.recording import read_recording
 from rig.recording.files import write_file
 from spinbench.published import published_sweep
 
-STAGES = 15
+STAGES, OF_WHOLE = 19, 6  # what is told in all, and what of it only a whole run has
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,10 @@ def measure(size: Size, tell: Callable[[str], None]) -> Iterator[list[Row]]:
     motor = read_motor("ptm3600")
     yield operating_point.rows(motor, size.sets, size.rounds, tell)
     yield spin_up.rows(motor, size.spin_up_s, size.rounds, tell)
-    target = draws.of_recording(published_sweep()) if size.whole else draws.gaussian(3)
+    target = draws.of_recording(read_recording(published_sweep())) if size.whole else draws.gaussian(3)
     yield draws.rows(target, size.effort, tell)
+    if size.whole:
+        yield draws.larger(size.effort.settings, tell)
     yield polling.rows(size.polling_s, tell)
     yield cold_start.rows(size.rounds, size.whole, tell)
 
@@ -119,7 +122,7 @@ def _with_bar(size: Size) -> Iterator[list[Row]]:
     """`measure` under a bar on standard error."""
     columns = (SpinnerColumn(), BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=STAGES if size.whole else STAGES - 2)
+        task = bar.add_task("", total=STAGES if size.whole else STAGES - OF_WHOLE)
         begun = itertools.count()
 
         def tell(words: str) -> None:
