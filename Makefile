@@ -111,7 +111,7 @@ quick-tests: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow and not long"
 
 bench: $(STAMP)
-	$(BIN)/python tests/bench/run.py --json $(OUT)/bench.json
+	$(ONE_THREAD) $(BIN)/python tests/bench/run.py --json $(OUT)/bench.json
 
 # Goes on where it was interrupted; SHARE=0.1 takes a tenth of the kills.
 kills: $(STAMP)
