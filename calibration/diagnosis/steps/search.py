@@ -197,8 +197,8 @@ class Search:
         """Refit what may stand in the place of a member of the best set.
 
         Each member is left out, and each other effect weighed instead of it in the linear model; those that were not
-        refitted yet are, if they come near what the member is worth. Of sweeps all of them are, until nothing better is
-        found: far from a good fit the linear model orders poorly.
+        refitted yet are, if they come near what the member is worth. Where nothing runs in time all of them are, until
+        nothing better is found: far from a good fit the linear model orders poorly.
         """
         best = self._best()
         if not best:
