@@ -61,17 +61,20 @@ def find(
     *starts: Mode | None,
     first: dict[tuple[str, str], float] | None = None,
     best: float = math.inf,
+    loud: bool = False,
 ) -> Mode:
     """The most probable point of the base model with a set of effects.
 
     `*starts`: modes of smaller or equal sets to start from; None for the prior's middle, which is taken when nothing is
         given.
     `best`: cost of another set. A search that stays far behind ends early [-].
+    `loud`: whether the noise begins as loud as suits a start; else near what is declared, since what an effect would
+        explain may have passed for noise.
     Raises ArithmeticError when the model gives no reading at any start.
     """
     f = Function(comparison, names)
     ends = []
-    for point in _begun(comparison, f, starts or (None,), first or {}):
+    for point in _begun(comparison, f, starts or (None,), first or {}, loud):
         z, predicted = comparison.turned(f, point.z, point.u, point.predicted)
         ends.append(_descend(f, comparison, replace(point, z=z, predicted=predicted), behind=best + HOPELESS))
     costs = [_cost(comparison, end) for end in ends]
@@ -99,13 +102,17 @@ def _cost(comparison: Compared, at: _Point, found: bool = False) -> float:
 
 
 def _begun(
-    comparison: Compared, f: Function, starts: Sequence[Mode | None], first: dict[tuple[str, str], float]
+    comparison: Compared,
+    f: Function,
+    starts: Sequence[Mode | None],
+    first: dict[tuple[str, str], float],
+    loud: bool,
 ) -> list[_Point]:
     """The points to start from. A start at which the model gives no reading is left out where another does."""
     found = []
     for start in starts:
         with contextlib.suppress(ArithmeticError):
-            found.append(_begin(comparison, f, start, first))
+            found.append(_begin(comparison, f, start, first, loud))
     if not found:
         what = " and ".join(f.names) or "nothing added"
         raise ArithmeticError(f"the model with {what} gives no reading to start from")
@@ -141,7 +148,9 @@ def _handed_over(comparison: Compared, f: Function, point: _Point) -> _Point | N
     return _Point(z, point.u, point.D, predicted)
 
 
-def _begin(comparison: Compared, f: Function, start: Mode | None, first: dict[tuple[str, str], float]) -> _Point:
+def _begin(
+    comparison: Compared, f: Function, start: Mode | None, first: dict[tuple[str, str], float], loud: bool
+) -> _Point:
     """A point to start from, at which the model gives readings."""
     problem, k = comparison.problem, f.k
     extra = problem.effect_unknowns(f.names)
@@ -167,7 +176,7 @@ def _begin(comparison: Compared, f: Function, start: Mode | None, first: dict[tu
     for _ in range(HALVINGS):
         predicted = f(z)
         if comparison.is_told(predicted):
-            return _Point(z, u, D, predicted)
+            return _Point(z, suiting_noise(comparison, predicted, u, D, False) if loud else u, D, predicted)
         z[amplitudes] *= 0.5  # the motor may stall with as much of an effect
     raise ArithmeticError("no reading, however little of an effect there is")
 

@@ -251,19 +251,22 @@ class Search:
 
 
 def _found(comparison: Compared, job: _Job, best: float) -> Mode | None:
-    """The most probable point of a set; from the other set's own point where a further effect led away from it."""
+    """The most probable point of a set; from the other set's own point where a further effect led away from it.
+
+    There the noise is as loud as it was: near what is declared, a point that nothing describes well pulls a search off.
+    """
     found = _sought(comparison, job, best)
     if found is None or not set(job.near.names) < set(job.names):
         return found
     if cost_of(comparison, found) <= cost_of(comparison, job.near) + ASTRAY:
         return found
-    again = _sought(comparison, replace(job, first=values_of(comparison.problem, job.near)), best)
+    again = _sought(comparison, replace(job, first=values_of(comparison.problem, job.near)), best, loud=True)
     return max(found, again or found, key=lambda mode: mode.log_evidence)
 
 
-def _sought(comparison: Compared, job: _Job, best: float) -> Mode | None:
+def _sought(comparison: Compared, job: _Job, best: float, loud: bool = False) -> Mode | None:
     try:
-        return find(comparison, job.names, *job.starts, first=job.first, best=best)
+        return find(comparison, job.names, *job.starts, first=job.first, best=best, loud=loud)
     except ArithmeticError:  # nothing of it can be simulated
         return None
 
