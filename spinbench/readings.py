@@ -36,6 +36,8 @@ def folder_named(named: Path, logs: Path) -> Path:
     from rig.runlog.folder import RunError
     from rig.runlog.listing import find_run
 
+    if named.exists() and not named.name:  # a page and files are called after it
+        return named.resolve()
     if named.exists() or len(named.parts) != 1:
         return named
     try:
@@ -217,8 +219,13 @@ def _place_of(parent: str, child: Path, logs: Path) -> Path:
 
 
 def warnings_in(parts: Sequence[Recording]) -> list[str]:
-    """What is to be said of recordings, with the folder's name where they are several."""
-    return [f"{one.folder.name}: {words}" if len(parts) > 1 else words for one in parts for words in one.warnings]
+    """What is to be said of recordings, each once, with the folder's name where they are several."""
+    said = [
+        f"{one.folder.name}: {words}" if len(parts) > 1 and not one.joined else words
+        for one in parts
+        for words in one.warnings
+    ]
+    return list(dict.fromkeys(said))
 
 
 def refuse_twice(parts: Sequence[Recording], unseen: Recording | None = None) -> None:

@@ -20,8 +20,15 @@ def date_of(recording: Recording) -> datetime | None:
 
 
 def day_of(recording: Recording) -> str:
-    """The day on which a recording was taken, by its date; where it has none, one of its own."""
-    return recording.origin.get("date", "")[: len("2026-05-28")] or str(recording.folder)
+    """The day on which a recording was taken, by its ISO date; where it has none, one of its own."""
+    taken = date_of(recording)
+    return str(recording.folder) if taken is None else taken.date().isoformat()
+
+
+def moment_of(recording: Recording) -> datetime | None:
+    """When a recording's clock showed 0; None where its date says no time of day."""
+    is_day = len(recording.origin.get("date", "")) <= len("2026-05-28")
+    return None if is_day else date_of(recording)
 
 
 def refuse_other_than_iso(dates: Mapping[Path, str]) -> None:

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.data.dates import day_of
+from calibration.data.dates import day_of, moment_of
 from calibration.data.together import refuse_unlike
 from rig.recording import Recording, RecordingError, RecordingFile
 
 GAP_S = 3600.0  # between two recordings on the common clock
+NO_MOMENT = "no [origin] date with a time of day tells it"
 
 
 def together(recordings: Sequence[Recording]) -> Recording:
@@ -24,27 +25,55 @@ def together(recordings: Sequence[Recording]) -> Recording:
     if len(recordings) == 1:
         return first
     files: list[RecordingFile] = []
+    warnings: list[str] = []
     names = names_of(recordings)
-    start = 0.0
+    starts, lacking = _starts(recordings)
     for number, one in enumerate(recordings, start=1):
         for what, same in (
             ("motor", one.motor == first.motor),
             ("[ambient]", one.ambient == first.ambient),
             ("[rig] added_inertia_kg_m2", one.added_inertia_kg_m2 == first.added_inertia_kg_m2),
             ("[channels]", dict(one.channels) == dict(first.channels)),
+            ("[supply]", one.supply == first.supply),
             ("day, from which on instruments drift,", day_of(one) == day_of(first) or not _drifts(one)),
         ):
             if not same:
                 raise RecordingError(
                     f"{one.folder}: its {what} is not that of {first.folder}; recordings that are diagnosed together "
-                    "share motor, ambient and instruments; diagnose them one by one (spinbench many diagnose)"
+                    "share motor, ambient, instruments and supply; diagnose them one by one (spinbench many diagnose)"
                 )
-        files += [
-            replace(file, file=f"{names[number - 1]}/{file.file}", start_s=start + file.start_s) for file in one.files
-        ]
-        start += max((_end(file) for file in one.files), default=0.0) + GAP_S
+        name, start = names[number - 1], starts[number - 1]
+        files += [replace(file, file=f"{name}/{file.file}", start_s=start + file.start_s) for file in one.files]
+        warnings += [f"{name}: {words}" for words in one.warnings]
+        if number > 1 and lacking:
+            warnings.append(f"{name}: its time 0 is taken for {start:.0f} s on the clock of all: {lacking}")
+    if first.ambient.pressure_bar_abs is None and len({day_of(one) for one in recordings}) > 1:
+        warnings.append("no recording states the room's pressure, which is taken for the same in all of them")
     folders = dict.fromkeys(folder for one in recordings for folder in one.folders)
-    return replace(first, files=tuple(files), sha256="", origin=_origins(recordings), joined=tuple(folders))
+    return replace(
+        first,
+        files=tuple(files),
+        sha256="",
+        origin=_origins(recordings),
+        joined=tuple(folders),
+        warnings=tuple(warnings),
+    )
+
+
+def _starts(recordings: Sequence[Recording]) -> tuple[list[float], str]:
+    """Where each recording's time 0 stands on the common clock [s], and what their dates lack to tell it.
+
+    Where they do not tell it, each begins an hour after the one before.
+    """
+    moments = [moment_of(one) for one in recordings]
+    known = [one for one in moments if one is not None]
+    ends = [max((_end(file) for file in one.files), default=0.0) for one in recordings]
+    if len(known) == len(recordings):
+        starts = [(one - known[0]).total_seconds() for one in known]
+        if all(one + end <= after for one, end, after in zip(starts, ends, starts[1:], strict=False)):
+            return starts, ""
+    lacking = "by their dates they do not follow each other" if len(known) == len(recordings) else NO_MOMENT
+    return np.cumsum([0.0, *(end + GAP_S for end in ends[:-1])]).tolist(), lacking
 
 
 def _drifts(recording: Recording) -> bool:
@@ -103,13 +132,16 @@ def as_given(recordings: Sequence[Recording], apart: bool = False) -> list[Recor
 
 def names_of(recordings: Sequence[Recording]) -> list[str]:
     """What recordings are called: by their folders, with the flywheel or a number where two have one name."""
-    names = [one.folder.name for one in recordings]
+    names = [one.folder.resolve().name for one in recordings]
     if len({one.folder for one in recordings}) < len(recordings):
-        names = [f"{one.folder.name} with {one.added_inertia_kg_m2:g} kg m2" for one in recordings]
-    return [name if names.count(name) == 1 else f"{name} ({i})" for i, name in enumerate(names, start=1)]
+        names = [f"{one.folder.resolve().name} with {one.added_inertia_kg_m2:g} kg m2" for one in recordings]
+    found = [name if names.count(name) == 1 else f"{name} ({i})" for i, name in enumerate(names, start=1)]
+    if len(set(found)) < len(found):  # a folder may be called "a (1)"
+        found = [f"{name} ({i})" for i, name in enumerate(names, start=1)]
+    return found
 
 
 def _end(file: RecordingFile) -> float:
     time = file.columns.get("time_s")
     known = time.values[np.isfinite(time.values)] if time is not None else np.empty(0)
-    return file.start_s + (float(known[-1]) if known.size else 0.0)
+    return file.start_s + max(known.tolist(), default=0.0)

@@ -143,7 +143,7 @@ def _explain(
     if verdict.kind == VerdictKind.UNRESOLVED:
         clock("look for a law")
         unnamed = unexplained(comparison, base, said.detection, verdict.why, unseen_run, rng)
-    rivals = _rivals(comparison, candidates, verdict)[:MOST_RIVALS]
+    rivals = _rivals(comparison, candidates, verdict)
     verdict = with_open(replace(verdict, why=unnamed.why), rivals)
     tests = _next_tests(comparison, rivals, clock)
     clock("average f_overall")
@@ -342,7 +342,10 @@ def _next_tests(comparison: Compared, rivals: Sequence[Candidate], clock: StepCl
 
 
 def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict) -> list[Candidate]:
-    """Sets that a next test should tell apart; none where nothing is open."""
+    """Sets that stay open, the most probable ones; none where nothing is open.
+
+    Beside a base model that explains the recording they are all that may be there.
+    """
     if verdict.kind == VerdictKind.NAMED:
         return []
     if verdict.kind == VerdictKind.CONSISTENT:
@@ -351,6 +354,6 @@ def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict)
         likely = [*hidden, *(c for c in not_excluded(candidates) if c not in hidden)]
         return [*base, *likely] if likely else []
     if verdict.chosen is None:
-        return sorted((c for c in candidates if c.names), key=lambda c: bool(c.refused))[:3]  # most probable first
+        return sorted((c for c in candidates if c.names), key=lambda c: bool(c.refused))[:MOST_RIVALS]  # in order
     listed = set(verdict.alternatives)
-    return [verdict.chosen, *(c for c in candidates if c.names in listed)]
+    return [verdict.chosen, *(c for c in candidates if c.names in listed)][:MOST_RIVALS]

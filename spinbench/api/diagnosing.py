@@ -11,7 +11,7 @@ from calibration.diagnosis.document import as_json
 from calibration.diagnosis.result import Diagnosis, of_each_recording
 from rig.recording import Recording, RecordingError
 from spinbench.api.frames import as_html, of_next_tests
-from spinbench.api.opened import Data, at_least, listed, opened_all
+from spinbench.api.opened import Data, at_least, listed, opened_all, said_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -193,7 +193,7 @@ def diagnose(
     with diagnosing() as tell:
         read = given[0] if len(given) == 1 else given
         found = look(read, seed, tell, unseen, workers, [], sharing)
-    return DiagnosisResult(found, tuple(dict.fromkeys([*notes, *more])))
+    return DiagnosisResult(found, tuple(dict.fromkeys([*said_of(given, notes), *more])))
 
 
 def _one(hold_out: Data | Recording) -> tuple[Recording, list[str]]:

@@ -67,7 +67,10 @@ def prepared(
 
     parts = list(recordings)
     if steady_only and len(parts) > 1:
-        parts = [without_runs(one) for one in parts if any(file.kind == "steady" for file in one.files)] or parts[:1]
+        steady = [one for one in parts if any(file.kind == "steady" for file in one.files)] or parts[:1]
+        passed_over = [f"{one.folder}: passed over: it has no plateaus" for one in parts if one not in steady]
+        parts = [without_runs(one) for one in steady]
+        parts[0] = replace(parts[0], warnings=(*parts[0].warnings, *passed_over))
     held = [name.strip() for name in effects if name.strip()]
     sharing = own_of_each(per_recording, len(parts), held)
     read = parts if steady_only and len(parts) == 1 else as_given(parts, apart=bool(sharing.own))
@@ -297,7 +300,7 @@ def fit(
         For settings that ask for fewer than 200 effective samples.
     """
     from calibration.fit.sampling import Settings
-    from spinbench.api.opened import argument, at_least, listed, opened_all
+    from spinbench.api.opened import argument, at_least, listed, opened_all, said_of
     from spinbench.api.simulating import assignments_of
 
     if not isinstance(settings, Settings | None):
@@ -310,4 +313,4 @@ def fit(
     parts, asked = prepared(recordings, chosen, assignments_of(values), channels, effects, steady_only, per_recording)
     with argument("values", "--set"):
         found = fitted(parts, asked, None if chain_folder is None else Path(chain_folder))
-    return FitResult(found, tuple(notes))
+    return FitResult(found, tuple(said_of(parts, notes)))

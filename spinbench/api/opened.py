@@ -172,6 +172,12 @@ def opened_all(data: Data | Recording | Sequence[Data | Recording]) -> tuple[lis
     return found, list(dict.fromkeys(notes))
 
 
+def said_of(parts: Sequence[Recording], notes: Sequence[str]) -> list[str]:
+    """Notes on recordings, and what is to be said of them as they go together."""
+    more = [words for words in readings.warnings_in(parts) if not any(words.endswith(note) for note in notes)]
+    return [*notes, *more]
+
+
 def without(
     data: Data | Recording | Sequence[Data | Recording], left_out: str | Sequence[str]
 ) -> Recording | list[Recording]:

@@ -79,9 +79,9 @@ def diagnose(
     readings.refuse_twice([*(earlier.recordings if earlier else []), *new], unseen)
     promise = _promised(earlier, new, resume)
     parts = without([*(earlier.recordings if earlier else []), *new], left_out or [])
-    remark(*readings.warnings_in([one for one in (*parts, unseen) if one is not None]))
     sharing = own_of_each(options.ids_in(per_recording), len(parts))
     given = as_given(parts, apart=bool(sharing.own))
+    remark(*readings.warnings_in([one for one in (*given, unseen) if one is not None]))
     read = given[0] if len(given) == 1 else given
     with diagnosing() as tell:
         processes = workers or min(2, os.cpu_count() or 1)

@@ -84,7 +84,6 @@ def fit(
     parts = readings.all_named(recording, logs, parents)
     readings.refuse_twice(parts)
     parts = without(parts, left_out or [])
-    remark(*readings.warnings_in(parts))
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     channels = ("pressure", "speed") if speed_only else None
     workers = min(2, os.cpu_count() or 1)
@@ -98,6 +97,7 @@ def fit(
         options.ids_in(per_recording),
         workers,
     )
+    remark(*readings.warnings_in(read))
     planned = fits.variants(read, asked.channels, compare, gauge_span_bar)
     found = fitted(read, asked, out / "chain" if out else None)
     if out is not None and planned:  # one of them may not converge

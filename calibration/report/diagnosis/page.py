@@ -90,6 +90,8 @@ def report(found: Diagnosis, document: Mapping[str, Any], pages: Sequence[OwnPag
     if panels := _panels(document):
         figures["along"] = along_dates.picture(panels)
     filled = context(found, document)
+    if pages:
+        filled["name"] = " and ".join(one.name for one in pages)
     pictures = {name: inline(one) for name, one in figures.items()}
     return {
         HTML: page(filled | {"figures": pictures, "models": [one.name for one in models], "pages": pages}),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from calibration.data.joined import names_of
 from calibration.data.rows_used import by_fit, in_words_of
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Estimate, Posterior
@@ -123,7 +125,7 @@ def common(found: AnyFit) -> dict[str, Any]:
         "effects": fit_words.held_effects(found),
         "trade_offs": _trade_off_table(found.posterior, pairs),
         "unknowns": _unknown_table(found.posterior),
-        "instruments": _instrument_table(found.recording),
+        "instruments": _instrument_table(found.recordings),
         "readings": _reading_table(found.motor),
         "held": _held_table(found.posterior, found.motor),
         "sha256": " and ".join(one.sha256 for one in found.recordings if one.sha256),
@@ -211,15 +213,19 @@ def convergence(found: AnyFit, further: list[tuple[str, str]]) -> Grid:
     return Grid((), tuple(entries))
 
 
-def _instrument_table(recording: Recording) -> Grid:
+def _instrument_table(recordings: Sequence[Recording]) -> Grid:
+    """The instruments' figures; of several recordings with the name of each ahead."""
     header = ("column", "unit", "noise, 1 sd", "offset, 1 sd", "scale, 1 sd", "resolution", "taken by default")
     rows = []
-    for column, channel in recording.channels.items():
-        figures = (channel.noise_sd, channel.bias_sd, channel.scale_sd, channel.resolution)
-        texts = [figure(value) for value in figures]
-        texts[2] = f"{figure(100 * channel.scale_sd)} %"
-        rows.append((column, NUMERIC[column].unit, *texts, ", ".join(channel.defaulted) or "nothing"))
-    return Grid(header, tuple(rows), 2)
+    for name, recording in zip(names_of(recordings), recordings, strict=True):
+        for column, channel in recording.channels.items():
+            figures = (channel.noise_sd, channel.bias_sd, channel.scale_sd, channel.resolution)
+            texts = [figure(value) for value in figures]
+            texts[2] = f"{figure(100 * channel.scale_sd)} %"
+            rows.append((name, column, NUMERIC[column].unit, *texts, ", ".join(channel.defaulted) or "nothing"))
+    if len(recordings) == 1:
+        return Grid(header, tuple(row[1:] for row in rows), 2)
+    return Grid(("recording", *header), tuple(rows), 3)
 
 
 def _reading_table(motor: Motor) -> Grid:
@@ -230,7 +236,7 @@ def _reading_table(motor: Motor) -> Grid:
 
 
 def _held_table(posterior: Posterior, motor: Motor) -> Grid:
-    fitted = {estimate.unknown.name for estimate in posterior.estimates}
+    fitted = {estimate.unknown.own for estimate in posterior.estimates}
     rows = tuple(
         (name, with_unit(figure(motor[name].value), motor[name].unit), motor[name].source)
         for name in type(motor.parameters).model_fields

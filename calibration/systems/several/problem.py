@@ -74,6 +74,8 @@ class SeveralProblem(compared.Problem):
                     continue
                 places_of[key], day_of_first[key] = len(self.nuisances), day
                 mine.append(len(self.nuisances))
+                if any((known.own, known.whose) == (one.own, of) for known in self.nuisances):  # calibrated anew
+                    of = f"{of} in {name}"
                 self.nuisances.append(replace(one, whose=of))
                 self._of.append((k, i))
             self.at.append(np.array(mine, dtype=int))
@@ -313,5 +315,5 @@ def _whose(part: Problem, i: int, name: str, is_whole: bool) -> tuple[Hashable, 
     if figures is not None and figures.serial and part.run_of(i) is None:
         return (figures.serial, figures.calibrated, one.name, one.b), figures.serial
     if is_whole and part.run_of(i) is None:
-        return (str(recording.folder), one.name), recording.folder.name
+        return (str(recording.folder), one.name), recording.folder.resolve().name
     return (name, one.name), name

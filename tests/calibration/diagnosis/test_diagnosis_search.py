@@ -210,6 +210,17 @@ def test_a_pair_that_the_linear_model_does_not_see_is_named(tmp_path: Path) -> N
     assert found.verdict.chosen.names == ("leakage", "stribeck_friction")
 
 
+@pytest.mark.long
+def test_a_set_is_not_left_far_behind_a_loud_base_model(tmp_path: Path) -> None:
+    """A torque that no effect has: near the declared noise a search ended 1000 nats behind where it began."""
+    make_recording(draw("development", 310_003, "follow-ups"), tmp_path / "recording")
+    comparison, base = fit_base([read_recording(tmp_path / "recording")], StepClock(lambda _: None))
+    search = Search(comparison, base)
+    search.also([("windage",), ("leakage",)])
+    assert all(mode.log_evidence > base.log_evidence - 10.0 for mode in search.modes.values())
+    assert len(search.modes) == 3
+
+
 @pytest.mark.parametrize(
     ("in_time", "promised", "count"), [(True, 19, 0), (True, 21, 2), (False, -1, 0), (False, 1, 2)]
 )

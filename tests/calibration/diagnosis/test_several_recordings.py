@@ -102,7 +102,9 @@ def test_the_report_of_two_days_leads_to_the_page_of_each(two_days: Path) -> Non
         for name, other in (("first", "second"), ("second", "first")):
             window.click(f"a:text-is('{name}')", timeout=10_000)  # it is seen without anything being unfolded
             assert window.url == (two_days / "out" / f"report_{name}.html").as_uri()
-            assert f"Diagnosis of “{name}”" in window.inner_text("h1")
+            assert "Diagnosis of “first and second”" in window.inner_text("h1")
+            assert window.inner_text("ul b") == name
+            assert f"Rows used of {name}: " in window.inner_text("body")
             assert window.locator("a").all_inner_texts() == [other]
 
 
@@ -248,6 +250,7 @@ def test_one_instrument_in_two_recordings_has_its_errors_once(tmp_path: Path) ->
 
 BAD = {
     "serial_of_two_kinds": ("serial P-1 is of the instrument of speed_rpm, but of pressure_bar_abs in"),
+    "serial_with_two_offsets": "bias_sd is 0.6, but 0.5 in",
     "flywheel_lighter_than_nothing": "added_inertia_kg_m2",
     "two_motors_of_a_kind": "of the motor ptm3600 no. B2, not of the motor ptm3600 no. A1",
     "the_same_twice": "given twice",
@@ -267,6 +270,11 @@ def test_what_cannot_go_together_is_refused_in_a_line(tmp_path: Path, spinbench_
     if name == "serial_of_two_kinds":
         named_by_serial(one, "pressure_bar_abs", "P-1")
         named_by_serial(other, "speed_rpm", "P-1")
+    if name == "serial_with_two_offsets":
+        for folder, sd in ((one, 0.5), (other, 0.6)):
+            named_by_serial(folder, "flow_l_min", "FM-7\\n")
+            place = folder / "recording.toml"
+            place.write_text(place.read_text(encoding="utf-8").replace("bias_sd = 0.5", f"bias_sd = {sd}"), "utf-8")
     if name == "flywheel_lighter_than_nothing":
         place = other / "recording.toml"
         text = place.read_text(encoding="utf-8")
