@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from calibration.diagnosis.steps.candidate import Candidate
-from calibration.diagnosis.steps.detect import detect
+from calibration.diagnosis.steps.detect import TAIL, detect
 from calibration.diagnosis.steps.verdict import RESIDUAL_P, SHARE, SUPERSET_ODDS, is_small
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
@@ -16,9 +17,9 @@ from calibration.unknowns.effects import holds
 from calibration.work.side_by_side import SideBySide
 
 TESTED = 3  # sets whose residual is tested; more only where one of these passes
-RESIDUAL_DRAWS, MORE_DRAWS = 100, 400
+RESIDUAL_DRAWS = (100, 400, 1600, 3200)  # each only where those before it left the threshold in doubt
+IN_DOUBT = 2.3  # sds of a p-value's logarithm within which of the threshold's it does not decide
 MAY_BE_LEFT = 0.05  # of the mismatch, where that is weighed: with enough rows no model is exact
-NEAR = 10.0  # factor about the threshold within which a residual is tested again, with more draws
 
 
 class Residuals:
@@ -79,7 +80,13 @@ class Residuals:
 def _residual(comparison: Compared, mode: Mode, seed: int) -> tuple[float, float]:
     found, free = signatures(comparison, mode), comparison.places.forces(mode)
     rng = np.random.default_rng(seed)
-    left = detect(comparison, mode, found, free, rng, RESIDUAL_DRAWS)
-    if RESIDUAL_P / NEAR < left.p_value < RESIDUAL_P * NEAR:  # a tail of so few draws is too rough to decide it
-        left = detect(comparison, mode, found, free, rng, MORE_DRAWS)
+    for draws in RESIDUAL_DRAWS:
+        left = detect(comparison, mode, found, free, rng, draws)
+        if abs(math.log(left.p_value / RESIDUAL_P)) > IN_DOUBT * _sd_of_log_p(draws):
+            break
     return left.p_value, left.gain
+
+
+def _sd_of_log_p(draws: int) -> float:
+    """Standard deviation of the logarithm of a p-value at the threshold, by an exponential tail of some draws [-]."""
+    return math.log(TAIL / RESIDUAL_P) / math.sqrt(TAIL * draws)

@@ -160,10 +160,10 @@ def test_a_set_is_searched_from_the_starts_that_give_readings(tmp_path: Path, mo
     wanted = find(comparison, ("windage",), base)
     begin = descent._begin
 
-    def stalls(comparison, f, start, first):
+    def stalls(comparison, f, start, *rest):
         if start is None:
             raise ArithmeticError("stalls")
-        return begin(comparison, f, start, first)
+        return begin(comparison, f, start, *rest)
 
     monkeypatch.setattr(descent, "_begin", stalls)
     assert np.array_equal(find(comparison, ("windage",), None, base).z, wanted.z)

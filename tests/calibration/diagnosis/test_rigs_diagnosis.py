@@ -239,7 +239,7 @@ def test_a_run_of_a_rig_held_out_for_nothing_is_told(tmp_path: Path) -> None:
         (
             "dexpand",
             ["dexpand/RVE_air_PDLT_steady_states_designconditions.csv"],
-            ("confounded", [["inlet_throttling"], ["leakage"]]),
+            ("confounded", [["inlet_throttling", "leakage"], ["inlet_throttling"], ["leakage"]]),
         ),
         ("ball_drops_baseball", ["ball_drops/Ball_drops_data.xls"], ("consistent", [[]])),
         (
