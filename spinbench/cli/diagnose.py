@@ -15,7 +15,7 @@ import typer
 from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.show import check_places, deliver, remark, write_report
+from spinbench.cli.show import check_places, deliver, own_stem, remark, write_report
 from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
 from spinbench.progress import diagnosing
 
@@ -177,7 +177,7 @@ def _pages(page: Any, diagnosis: Any, found: Mapping[str, Any]) -> dict[str, byt
     if len(parts) == 1:
         return dict(page.report(*parts.values(), found))
     recordings = {name: part.comparison.problem.recording for name, part in parts.items()}
-    stems = {name: f"report_{name.replace('/', '_')}" for name in parts}
+    stems = {name: own_stem(name) for name in parts}
     made = {}
     for name, part in parts.items():
         links = [

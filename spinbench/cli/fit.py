@@ -15,7 +15,7 @@ from spinbench import readings
 from spinbench.api.fitting import Asked, fitted, prepared
 from spinbench.cli import options
 from spinbench.cli.errors import MODEL_DOES_NOT_FIT, kept_when_interrupted
-from spinbench.cli.show import check_places, deliver, remark
+from spinbench.cli.show import check_places, deliver, remark, write_report
 from spinbench.extras import has
 from spinbench.progress import sampling
 
@@ -153,7 +153,7 @@ def _show(
     encoded = files.json_bytes(as_json(found))
     if out is not None:
         report = fit_page.report(found, variants) if isinstance(found, Fit) else whole_page.report(found, variants)
-        files.write_files(out, {"posterior.json": encoded} | report)
+        write_report(out, {"posterior.json": encoded} | report, "posterior.json")
         _keep_draws(found, out)
     for words in fit_words.headline(found):
         print(words, file=sys.stderr)
