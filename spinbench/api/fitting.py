@@ -68,7 +68,7 @@ def prepared(
     parts = list(recordings)
     if steady_only and len(parts) > 1:
         parts = [without_runs(one) for one in parts if any(file.kind == "steady" for file in one.files)] or parts[:1]
-    held = [name.strip() for name in effects if name.strip()]
+    held = [name.strip() for name in effects]
     sharing = own_of_each(per_recording, len(parts), held)
     read = parts if steady_only and len(parts) == 1 else as_given(parts, apart=bool(sharing.own))
     return read, Asked(settings, assignments, channels or CHANNELS, held, steady_only, sharing, workers)

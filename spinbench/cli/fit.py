@@ -38,7 +38,7 @@ GaugeSpanOption = Annotated[
     typer.Option(metavar="BAR", help="Full scale of the gauge: fit again for accuracy classes 0.6, 1.0, 1.6, 2.5."),
 ]
 EffectsOption = Annotated[
-    str, typer.Option(metavar="ID,ID", help="Effects to add to the model; their sizes become unknowns.")
+    str | None, typer.Option(metavar="ID,ID", help="Effects to add to the model; their sizes become unknowns.")
 ]
 
 
@@ -63,7 +63,7 @@ def fit(
     speed_only: SpeedOnlyOption = False,
     compare: CompareOption = False,
     gauge_span_bar: GaugeSpanOption = None,
-    effects: EffectsOption = "",
+    effects: EffectsOption = None,
     left_out: options.WithoutOption = None,
     parents: options.WithParentsOption = False,
     per_recording: options.PerRecordingOption = None,
@@ -93,7 +93,7 @@ def fit(
         settings,
         assignments or [],
         channels,
-        options.ids_in([effects]),
+        options.ids_in(None if effects is None else [effects]),
         steady_only,
         options.ids_in(per_recording),
         workers,
