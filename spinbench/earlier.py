@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from calibration.diagnosis.next_test.promised import Promise
     from calibration.likelihood.expected import Capture
     from rig.recording import Recording
+    from spinbench.documents.of_recordings import GoneOnWith
 
 RECORDINGS, FOLDER, SHA256, WITHOUT, ORIGIN = "recordings", "folder", "sha256", "without", "origin"
 
@@ -23,44 +24,45 @@ RECORDINGS, FOLDER, SHA256, WITHOUT, ORIGIN = "recordings", "folder", "sha256", 
 class Earlier:
     """A diagnosis that is gone on with.
 
-    `recordings`: that it was made of, without what was left out of them.
+    `recordings`: that it was made of, as they were read.
     `sources`: those, as its document names them.
     """
 
     recordings: list[Recording]
     sources: list[dict[str, Any]]
-    document: Mapping[str, Any]
+    document: GoneOnWith
+
+    @property
+    def parts(self) -> list[Recording]:
+        """The recordings without what was left out of them."""
+        from calibration.data.left_out import without
+
+        pairs = zip(self.recordings, self.sources, strict=True)
+        return [part for one, source in pairs for part in without([one], source[WITHOUT])]
 
     @property
     def promised(self) -> list[dict[str, Any]]:
         """What tests before it gave."""
-        return list(self.document.get("promised", []))
+        return [asdict(one) for one in self.document.promised]
 
     def promise(self, taken: Sequence[Recording]) -> Promise | None:
         """What it promised of new recordings; None where they hold no test that it asked for."""
         from calibration.diagnosis.next_test.promised import Rival, asked_for
 
-        rivals = {
-            tuple(one["effects"]): Rival(one["log_evidence"], one.get("probability", 1.0))
-            for one in self.document.get("rivals", [])
-        }
+        rivals = {tuple(one.effects): Rival(one.log_evidence, one.probability) for one in self.document.rivals}
         return asked_for(self._tests(), rivals, taken)
 
     def why_not(self, taken: Sequence[Recording]) -> list[str]:
-        """Why new recordings hold no test that it asked for, a sentence each."""
+        """Why new recordings hold no test that it asked for, a sentence each; none where it asked for no test."""
         from calibration.diagnosis.next_test.promised import why_not
 
+        if not self.document.next_tests:
+            return []
         return [why_not([capture for _, _, capture in self._tests()], one) for one in taken]
 
     def _tests(self) -> list[tuple[str, float, Capture]]:
         """Each test that a bench takes by itself: its words, the nats promised [-], and what is to be taken."""
-        from calibration.likelihood.expected import Capture
-
-        return [
-            (one["test"], one["information_nats"], Capture(**one["capture"]))
-            for one in self.document["next_tests"]
-            if one.get("capture")
-        ]
+        return [(one.test, one.information_nats, one.capture) for one in self.document.next_tests if one.capture]
 
 
 def read_earlier(out: Path) -> Earlier:
@@ -68,16 +70,17 @@ def read_earlier(out: Path) -> Earlier:
 
     Raises RecordingError when there is none, it does not say what it was made of, or that is not as it was.
     """
-    from calibration.data.left_out import without
     from calibration.diagnosis.document import FORMAT
     from calibration.report.diagnosis.page import JSON
+    from configs import ConfigError, validate
     from rig.recording import RecordingError
     from rig.recording.mistakes import shown
+    from spinbench.documents.of_recordings import GoneOnWith
 
     file = out / JSON
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is no JSON, or was cut off"
         raise RecordingError(f"{file}: no diagnosis to go on with ({why}); name what `diagnose -o` wrote") from None
     of = found.get("format") if isinstance(found, dict) else None
@@ -85,9 +88,14 @@ def read_earlier(out: Path) -> Earlier:
         raise RecordingError(f"{file}: of format {shown(of)}, and this version goes on from {FORMAT}; diagnose anew")
     if of != FORMAT or not found.get(RECORDINGS):
         raise RecordingError(f"{file}: it does not say what was diagnosed; name what `spinbench diagnose -o` wrote")
-    parts, sources = [], []
+    try:
+        document = validate(GoneOnWith, found, str(file))
+    except ConfigError as error:
+        raise RecordingError(f"{str(error).splitlines()[0]}; it was damaged: diagnose anew") from None
+    recordings, sources = [], []
     for one in found[RECORDINGS]:
-        folder = Path(os.path.normpath(out / one[FOLDER]))
+        folder, here = (out / one[FOLDER]).resolve(), Path.cwd()
+        folder = folder.relative_to(here) if folder.is_relative_to(here) else folder
         if not folder.is_dir():
             raise RecordingError(
                 f"{folder} is not there any more, and {file} was made of it; it is looked for from where that file "
@@ -96,9 +104,9 @@ def read_earlier(out: Path) -> Earlier:
         read = readings.read(folder, among_many=True)
         if read.sha256 != one[SHA256]:
             raise RecordingError(f"{folder} is not what {file} was made of: it was changed; diagnose it anew")
-        parts += without([read], one[WITHOUT])
+        recordings.append(read)
         sources.append(one | {FOLDER: str(folder)})
-    return Earlier(parts, sources, found)
+    return Earlier(recordings, sources, document)
 
 
 def made_of(

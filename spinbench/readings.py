@@ -141,10 +141,17 @@ def _check_written_out(recording: Recording) -> None:
         raise RecordingError("\n".join(lines)) from None
 
 
-def all_named(named: Sequence[Path], logs: Path, parents: bool = False, among_many: bool = False) -> list[Recording]:
+def all_named(
+    named: Sequence[Path],
+    logs: Path,
+    parents: bool = False,
+    among_many: bool = False,
+    known: Sequence[Recording] = (),
+) -> list[Recording]:
     """The recordings that a person names and, where asked for, what each goes on from, ahead of it.
 
     `among_many`: there are others besides: remarks have the name of the folder, also of a single one.
+    `known`: those that are there already; what goes on from one does not take it in again.
 
     Raises RecordingError when a parent is missing, or parents go in a circle.
     """
@@ -154,7 +161,12 @@ def all_named(named: Sequence[Path], logs: Path, parents: bool = False, among_ma
     found: dict[Path, Recording | None] = {}
     for folder in folders:
         found |= reversed(_back_from(folder, found, logs).items())
-    read_ones = [one for one in found.values() if one is not None]
+    own = {folder.resolve() for folder in folders}
+    read_ones = [
+        one
+        for place, one in found.items()
+        if one is not None and (place in own or not any(_is_same(one, other) for other in known))
+    ]
     zeros = [one for one in read_ones if all(file.kind == "zero" for file in one.files)]
     for one in zeros if len(zeros) < len(read_ones) else []:
         print(f"spinbench: passed over: {one.folder}: it holds zero rows alone", file=sys.stderr)

@@ -22,7 +22,7 @@ Positive = Annotated[float, Field(gt=0.0, le=1e9)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e4)]
 PositiveSeconds = Annotated[float, Field(gt=0.0, le=1e4)]
 MOST_TEXT = 2000
-Text = Annotated[str, BeforeValidator(lambda value: _in_quotes(value)), Field(min_length=1, max_length=MOST_TEXT)]
+Text = Annotated[str, Field(min_length=1, max_length=MOST_TEXT), BeforeValidator(lambda value: _in_quotes(value))]
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 

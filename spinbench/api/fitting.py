@@ -71,7 +71,7 @@ def prepared(
         passed_over = [f"{one.folder}: passed over: it has no plateaus" for one in parts if one not in steady]
         parts = [without_runs(one) for one in steady]
         parts[0] = replace(parts[0], warnings=(*parts[0].warnings, *passed_over))
-    held = [name.strip() for name in effects if name.strip()]
+    held = [name.strip() for name in effects]
     sharing = own_of_each(per_recording, len(parts), held)
     read = parts if steady_only and len(parts) == 1 else as_given(parts, apart=bool(sharing.own))
     return read, Asked(settings, assignments, channels or CHANNELS, held, steady_only, sharing, workers)

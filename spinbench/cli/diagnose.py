@@ -15,7 +15,7 @@ import typer
 from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.show import check_places, deliver, remark, write_report
+from spinbench.cli.show import check_places, deliver, own_stem, remark, write_report
 from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
 from spinbench.progress import diagnosing
 
@@ -74,13 +74,15 @@ def diagnose(
 
     check_places(out, json_file)
     earlier = None if resume is None else read_earlier(resume)
-    new = readings.all_named(recording, logs, parents, among_many=earlier is not None or hold_out is not None)
+    before = earlier.recordings if earlier else []
+    among_many = earlier is not None or hold_out is not None
+    new = readings.all_named(recording, logs, parents, among_many, before)
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs), among_many=True)
-    readings.refuse_twice([*(earlier.recordings if earlier else []), *new], unseen)
-    promise = _promised(earlier, new, resume)
-    parts = without([*(earlier.recordings if earlier else []), *new], left_out or [])
+    readings.refuse_twice([*before, *new], unseen)
+    parts = without([*(earlier.parts if earlier else []), *new], left_out or [])
     sharing = own_of_each(options.ids_in(per_recording), len(parts))
     given = as_given(parts, apart=bool(sharing.own))
+    promise = _promised(earlier, new, resume)
     remark(*readings.warnings_in([one for one in (*given, unseen) if one is not None]))
     read = given[0] if len(given) == 1 else given
     with diagnosing() as tell:
@@ -126,7 +128,8 @@ def _promised(earlier: Earlier | None, new: Sequence[Recording], resume: Path | 
     promise = earlier.promise(new)
     if promise is None:
         why = earlier.why_not(new)
-        remark(f"nothing given now is a test that {resume} asks for, so nothing was promised of it", *why)
+        said = "nothing given now is a test that {} asks for" if why else "{} asked for no test"
+        remark(f"{said.format(resume)}, so nothing was promised of what is given now", *why)
     return promise
 
 
@@ -174,7 +177,7 @@ def _pages(page: Any, diagnosis: Any, found: Mapping[str, Any]) -> dict[str, byt
     if len(parts) == 1:
         return dict(page.report(*parts.values(), found))
     recordings = {name: part.comparison.problem.recording for name, part in parts.items()}
-    stems = {name: f"report_{name.replace('/', '_')}" for name in parts}
+    stems = {name: own_stem(name) for name in parts}
     made = {}
     for name, part in parts.items():
         links = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import functools
 from collections.abc import Callable
 from pathlib import Path
@@ -56,6 +57,13 @@ def in_words(error: Exception) -> list[str]:
         why = NO_FOLDER if isinstance(error, FileExistsError | NotADirectoryError) else error.strerror
         text = f"{error.filename}: {why}" if error.filename else why
     return [*text.splitlines(), *getattr(error, "__notes__", ())]
+
+
+def without_class(error: str) -> str:
+    """An error without its class, unless it is one of Python's that a file or a system call does not raise."""
+    kind, _, words = error.partition(": ")
+    is_class = kind.endswith("Error") and kind.isidentifier()
+    return words if is_class and issubclass(getattr(builtins, kind, OSError), OSError) else error
 
 
 def kept_when_interrupted(kept: Callable[[Path | None], str]) -> Callable[[Command], Command]:

@@ -15,7 +15,7 @@ from spinbench import readings
 from spinbench.api.fitting import Asked, fitted, prepared
 from spinbench.cli import options
 from spinbench.cli.errors import MODEL_DOES_NOT_FIT, kept_when_interrupted
-from spinbench.cli.show import check_places, deliver, remark
+from spinbench.cli.show import check_places, deliver, remark, write_report
 from spinbench.extras import has
 from spinbench.progress import sampling
 
@@ -38,7 +38,7 @@ GaugeSpanOption = Annotated[
     typer.Option(metavar="BAR", help="Full scale of the gauge: fit again for accuracy classes 0.6, 1.0, 1.6, 2.5."),
 ]
 EffectsOption = Annotated[
-    str, typer.Option(metavar="ID,ID", help="Effects to add to the model; their sizes become unknowns.")
+    str | None, typer.Option(metavar="ID,ID", help="Effects to add to the model; their sizes become unknowns.")
 ]
 
 
@@ -63,7 +63,7 @@ def fit(
     speed_only: SpeedOnlyOption = False,
     compare: CompareOption = False,
     gauge_span_bar: GaugeSpanOption = None,
-    effects: EffectsOption = "",
+    effects: EffectsOption = None,
     left_out: options.WithoutOption = None,
     parents: options.WithParentsOption = False,
     per_recording: options.PerRecordingOption = None,
@@ -92,7 +92,7 @@ def fit(
         settings,
         assignments or [],
         channels,
-        options.ids_in([effects]),
+        options.ids_in(None if effects is None else [effects]),
         steady_only,
         options.ids_in(per_recording),
         workers,
@@ -153,7 +153,7 @@ def _show(
     encoded = files.json_bytes(as_json(found))
     if out is not None:
         report = fit_page.report(found, variants) if isinstance(found, Fit) else whole_page.report(found, variants)
-        files.write_files(out, {"posterior.json": encoded} | report)
+        write_report(out, {"posterior.json": encoded} | report, "posterior.json")
         _keep_draws(found, out)
     for words in fit_words.headline(found):
         print(words, file=sys.stderr)

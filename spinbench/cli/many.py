@@ -12,7 +12,7 @@ import typer
 
 from spinbench import readings
 from spinbench.cli import options
-from spinbench.cli.errors import CHANGED, UNUSABLE_INPUT, kept_when_interrupted
+from spinbench.cli.errors import CHANGED, UNUSABLE_INPUT, kept_when_interrupted, without_class
 from spinbench.cli.show import check_places, on_terminal, read_if_there, recordings_in, remark, tell_replaced
 from spinbench.extras import need
 from spinbench.progress import bars
@@ -39,6 +39,7 @@ def diagnose(
     _need_packages(scheduler)
     check_places(out, None)
     found = _recordings_in(recordings)
+    _refuse_other_than_iso(found)
     rows = _diagnosed(found, seed, out, workers, scheduler)
     shown = [(str(row["recording"]), row["verdict"], " + ".join(row["effects"] or [])) for row in rows]
     _tell(("recording", "verdict", "effects"), shown, rows, out)
@@ -62,6 +63,7 @@ def fit(
     _need_packages(scheduler)
     check_places(out, None)
     found = _recordings_in(recordings)
+    _refuse_other_than_iso(found)
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     processes = workers or os.cpu_count() or 1
     with bars() as begin:
@@ -87,7 +89,6 @@ def trend(
 ) -> None:
     """Show f_overall and each effect along the dates, motor by motor; exit code 6 where one changed."""
     from calibration import fleet
-    from calibration.data.dates import refuse_other_than_iso
     from calibration.report.comparison import history
     from calibration.report.comparison import trend as trends
     from rig.recording.files import write_files
@@ -98,7 +99,7 @@ def trend(
     swept = [one for one in found if readings.is_swept(one)]
     if len(swept) < len(found):
         remark(f"passed over: {len(found) - len(swept)} runs that are no sweeps")
-    refuse_other_than_iso({one: readings.date_stated(one) for one in swept})
+    _refuse_other_than_iso(swept)
     swept, twice = readings.each_once(swept)
     remark(*twice)
     rows = _diagnosed(swept, seed, out, workers, scheduler)
@@ -136,6 +137,13 @@ def _recordings_in(folders: Sequence[Path]) -> list[Path]:
     return found
 
 
+def _refuse_other_than_iso(found: Sequence[Path]) -> None:
+    """Refuse dates that no history can be ordered by, before the work."""
+    from calibration.data.dates import refuse_other_than_iso
+
+    refuse_other_than_iso({one: readings.date_stated(one) for one in found})
+
+
 def _diagnosed(
     found: Sequence[Path], seed: int, out: Path, workers: int | None, scheduler: str | None
 ) -> list[dict[str, Any]]:
@@ -152,7 +160,7 @@ def _diagnosed(
 
 def _failed(rows: Sequence[dict[str, Any]]) -> list[str]:
     """What failed, a line each, which names the recording once."""
-    told = [(row["recording"], row["error"]) for row in rows if row["error"]]
+    told = [(row["recording"], without_class(row["error"])) for row in rows if row["error"]]
     return [f"{one}: {error.replace(f'{Path(one).resolve()}: ', '', 1)}" for one, error in told]
 
 
@@ -169,7 +177,6 @@ def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[
     from rich.table import Table
 
     from calibration import fleet
-    from calibration.data.dates import refuse_other_than_iso
 
     table = Table(*header)
     for cells in shown:
@@ -178,9 +185,9 @@ def _tell(header: tuple[str, ...], shown: Sequence[tuple[str, ...]], rows: list[
     print(out / fleet.CSV)
     failed = _failed(rows)
     remark(*failed)
-    folders = [Path(row["recording"]) for row in rows]
-    refuse_other_than_iso({one: readings.date_stated(one) for one in folders})
-    for words in fleet.write_trend(out, rows):
+    once, twice = readings.each_once([Path(row["recording"]) for row in rows])
+    remark(*(f"in the trend, {words}" for words in twice))
+    for words in fleet.write_trend(out, [row for row in rows if Path(row["recording"]) in once]):
         print(words, file=sys.stderr)
     if failed:
         raise typer.Exit(UNUSABLE_INPUT)

@@ -18,8 +18,8 @@ def out_folder(what: str) -> Any:
 
 
 def ids_in(given: list[str] | None) -> list[str]:
-    """Ids that stand one by one, or several with commas between them."""
-    return [name for text in given or [] for one in text.split(",") if (name := one.strip())]
+    """Ids that stand one by one, or several with commas between them; an empty one of a text that has none."""
+    return [name for text in given or [] for name in ([one.strip() for one in text.split(",") if one.strip()] or [""])]
 
 
 def _once(assignments: list[str] | None) -> list[str] | None:

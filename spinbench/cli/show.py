@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import html
 import io
 import json
 import re
@@ -73,8 +74,8 @@ def _width_that_cuts_nothing(console: Any, table: Any, seen: int) -> int:
 def check_places(out: Path | None, json_file: Path | None) -> None:
     """Whether results could be written, before the work that they come of.
 
-    Raises RecordingError where they would be written among the files of a recording or run, or into a folder that is
-    called like a file.
+    Raises RecordingError where they would be written among the files of a recording or run or below them, or into a
+    folder that is called like a file.
     """
     from rig.recording import RecordingError, files
     from spinbench.readings import is_recording
@@ -84,20 +85,53 @@ def check_places(out: Path | None, json_file: Path | None) -> None:
         raise RecordingError(f"{out}: '{out.suffix}' is the ending of a file, and a folder is written; name a folder")
     files.check_places(out, file)
     for folder in (out, None if file is None else file.parent):
-        if folder is not None and is_recording(folder):
-            raise RecordingError(f"{folder} is a recording or run, which stays as it is; name another folder")
+        above = () if folder is None else (folder, *folder.resolve().parents)
+        if (taken := next((one for one in above if is_recording(one)), None)) is not None:
+            where = f"{folder} is" if taken == folder else f"{folder} lies in {taken}, which is"
+            raise RecordingError(f"{where} a recording or run, which stays as it is; name another folder")
 
 
 def write_report(out: Path, contents: Mapping[str, bytes], document: str) -> None:
-    """Write a report's files; say so where that replaces one of other recordings.
+    """Write a report's files; say so where that replaces one of other recordings, or the page of another command.
+
+    A page of one recording that the diagnosis there had, and this one has not, is removed.
 
     `document`: which of the files says, as JSON, what it was made of.
     """
+    from calibration.report.render import HTML
     from rig.recording import files
+    from rig.recording.mistakes import shown
 
-    before, now = (recordings_in(data) for data in (read_if_there(out / document), contents[document]))
+    before, page = read_if_there(out / document), title_of(read_if_there(out / HTML))
     files.write_files(out, contents)
-    tell_replaced(out, before, now)
+    gone = own_pages(before) - contents.keys()
+    for one in out.glob("report_*"):
+        if one.name in gone:
+            one.unlink()
+    tell_replaced(out, recordings_in(before), recordings_in(contents[document]))
+    if page.partition(" ")[0] != title_of(contents.get(HTML, b"")).partition(" ")[0] and page:
+        remark(f"replaced: the page in {out}, which was '{shown(page, 100)}'")
+
+
+def title_of(page: bytes) -> str:
+    """The title of a page, whose first word tells which command it is of."""
+    found = re.search(r"<title>([^<]*)</title>", page[:2000].decode(errors="replace"))
+    return html.unescape(found[1]).strip() if found else ""
+
+
+def own_pages(data: bytes) -> set[str]:
+    """The files of the pages that a diagnosis has for each of several recordings; none where it does not say."""
+    try:
+        found = json.loads(data)
+        names = {file["file"].rpartition("/")[0] for file in found["files"] if found["format"].startswith("diagnosis/")}
+        return {f"{own_stem(name)}{ending}" for name in names - {""} for ending in (".html", ".png")}
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return set()
+
+
+def own_stem(name: str) -> str:
+    """What the page of one of several recordings is called, without the ending."""
+    return f"report_{name.replace('/', '_')}"
 
 
 def tell_replaced(out: Path, before: Iterable[str], now: Collection[str]) -> None:

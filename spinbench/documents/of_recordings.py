@@ -209,6 +209,15 @@ class Diagnosis(Document):
     friction_unit: str = ""
 
 
+class GoneOnWith(Document):
+    """What `diagnose --continue` reads of a diagnosis/1."""
+
+    recordings: list[MadeOf]
+    next_tests: list[NextTest]
+    rivals: list[Rival] = Field(default_factory=list)
+    promised: list[Kept] = Field(default_factory=list)
+
+
 # comparison/1
 
 

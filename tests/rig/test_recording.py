@@ -470,6 +470,8 @@ BAD_TOML = {
     "origin_key": (TOML + '[origin]\noperater = "me"\n', ["origin.operater", "did you mean 'operator'"]),
     "origin_number": (TOML + "[origin]\nmotor_serial = 3600\n", ["origin.motor_serial", 'write "3600"']),
     "origin_date": (TOML + "[origin]\ndate = 2026-05-14\n", ["'origin.date': is not in quotes", '"2026-05-14"']),
+    "origin_empty": (TOML + '[origin]\nnote = ""\n', ["'origin.note'", "should have at least 1 character "]),
+    "origin_long": (TOML + f'[origin]\nnote = "{"a" * 2001}"\n', ["'origin.note'", "at most 2000 characters "]),
     "ambient_unsaid": (TOML + "[ambient]\npressure_bar = 1.0\n", ["did you mean 'pressure_bar_abs'"]),
     "huge_flywheel": (TOML + "[rig]\nadded_inertia_kg_m2 = 5000\n", ["added_inertia_kg_m2", "equal to 100"]),
     "noise_scale": (

@@ -193,14 +193,14 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path, spinbe
         ("diagnose", "sweep", "-o", "sweep/"),
         ("many", "fit", "sweep", "-o", "sweep"),
         ("simulate", "--pressure-bar-abs", "2", "--json", "sweep/recording.toml"),
+        ("diagnose", "sweep", "-o", "sweep/below/it"),
     ],
 )
 def test_results_are_not_written_over_a_recording(tmp_path, spinbench_here, words):
     shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / "sweep")
     before = {path.name: path.read_bytes() for path in (tmp_path / "sweep").iterdir()}
-    assert "sweep is a recording or run, which stays as it is; name another folder" in refused(
-        spinbench_here(*words, cwd=tmp_path)
-    )
+    said = refused(spinbench_here(*words, cwd=tmp_path))
+    assert "is a recording or run, which stays as it is; name another folder" in said and "sweep" in said
     assert {path.name: path.read_bytes() for path in (tmp_path / "sweep").iterdir()} == before
 
 

@@ -68,10 +68,11 @@ def test_a_mapping_with_such_a_date_imports_nothing(tmp_path, spinbench_here):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.long
-def test_a_table_of_such_recordings_is_made_and_their_history_is_not_told(dated, spinbench_here):
+@pytest.mark.parametrize("command", ["diagnose", "fit"])
+def test_a_table_of_such_recordings_is_refused_before_the_work(dated, spinbench_here, command):
     place = dated(Juni="10.06.2026", Mai="14.05.2026")
-    done = spinbench_here("many", "diagnose", ".", "-o", "out", "--workers", 1, cwd=place)
+    done = spinbench_here("many", command, ".", "-o", "out", "--workers", 1, cwd=place)
     assert done.returncode == 2
-    assert "no history without the order of its dates" in done.stderr
-    assert (place / "out" / "table.csv").exists() and not (place / "out" / "trend.csv").exists()
+    (line,) = done.stderr.splitlines()
+    assert "no history without the order of its dates" in line
+    assert not (place / "out").exists()

@@ -12,6 +12,7 @@ import spinbench
 from calibration import fleet
 from rig.runlog import RunError
 from spinbench import readings
+from spinbench.cli.errors import without_class
 from tests.synthetic_runs import write_sweep
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -52,6 +53,7 @@ def test_damaged_runs_are_told_with_all_that_is_wrong_and_the_others_are_fitted(
     assert float(rows["fleet/no_bytes"]["f_overall_mean"]) > 0.0
     lines = [line for line in done.stderr.splitlines() if line.startswith("spinbench: fleet/")]
     told = {line.split(": ")[1].removeprefix("fleet/"): line for line in lines}
+    assert not any("Error: " in line for line in lines)
     assert "not as it was sealed: samples.csv: changed" in told["cut"]
     assert "the end record counts 1760 samples, the files hold 1360" in told["cut"]
     assert "take a sound copy or" in told["cut"]
@@ -119,3 +121,26 @@ def test_a_run_that_holds_the_readings_of_another_counts_once(tmp_path):
     kept, told = readings.each_once([first, again, tmp_path / "third"])
     assert kept == [first, tmp_path / "third"]  # what cannot be read is left to who reads it
     assert told == [f"passed over: {again}: it holds the readings of {first}"]
+
+
+@pytest.mark.long
+def test_a_copy_has_a_row_of_the_table_and_none_of_the_trend(tmp_path, spinbench_here):
+    for name in ("first", "second"):
+        shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / "fleet" / name)
+    done = spinbench_here("many", "diagnose", "fleet", "-o", "out", "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "spinbench: in the trend, passed over: fleet/second: it holds the readings of fleet/first\n" in done.stderr
+    rows, history = (
+        {row["recording"] for row in csv.DictReader((tmp_path / "out" / name).read_text().splitlines())}
+        for name in ("table.csv", "trend.csv")
+    )
+    assert rows == {"fleet/first", "fleet/second"}
+    assert history == {"fleet/first"}
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [("KeyError: 'x'", "KeyError: 'x'"), ("RunError: no end", "no end"), ("OSError: no", "no"), ("it died", "it died")],
+)
+def test_an_error_of_python_alone_keeps_its_class(error, told):
+    assert without_class(error) == told

@@ -53,7 +53,45 @@ def test_only_what_is_not_of_the_same_recordings_is_told(bench, capsys):
     assert write("../june").endswith("which was of may\n")
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"recordings": 3}', b"\xff", b"a,b\n1,2\n"])
+def written(out, *names):
+    """Write a diagnosis of recordings, of several with a page each, as the command does."""
+    ahead = [f"{name}/" * (len(names) > 1) for name in names]
+    document = {
+        "format": "diagnosis/1",
+        "recordings": [{"folder": f"../{name}"} for name in names],
+        "files": [{"file": f"{one}sweep.csv"} for one in ahead],
+    }
+    stems = ["report", *(f"report_{one[:-1]}" for one in ahead if one)]
+    pages = {f"{stem}{end}": b"<title>Diagnosis of it</title>" for stem in stems for end in (".html", ".png")}
+    write_report(out, {"diagnosis.json": json.dumps(document).encode()} | pages, "diagnosis.json")
+
+
+def test_pages_that_a_diagnosis_no_longer_has_are_removed_and_nothing_else(bench):
+    written(bench / "out", "may", "june")
+    (bench / "out" / "report_mine.html").write_text("<title>Diagnosis of it</title>", encoding="utf-8")
+    written(bench / "out", "may", "july")
+    own = {path.name for path in (bench / "out").glob("report_*")}
+    assert own == {f"report_{name}" for name in ("may.html", "may.png", "july.html", "july.png", "mine.html")}
+    written(bench / "out", "may")
+    assert [path.name for path in (bench / "out").glob("report_*")] == ["report_mine.html"]
+
+
+def test_a_page_of_another_command_is_replaced_in_words(bench, capsys):
+    written(bench / "out", "march")
+    assert capsys.readouterr().err == ""
+    (bench / "out" / "report.html").write_text("<head>\n<title>Fit of a &amp; b: f_overall</title>", encoding="utf-8")
+    written(bench / "out", "march")
+    assert capsys.readouterr().err.endswith(
+        "replaced: the page in {}, which was 'Fit of a & b: f_overall'\n".format(bench / "out")
+    )
+    written(bench / "out", "march")
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[]", b'{"recordings": 3}', b'{"format": "diagnosis/1", "files": [1]}', b"\xff", b"a,b\n1,2\n"],
+)
 def test_what_says_of_nothing_is_replaced_without_a_word(bench, capsys, content):
     (bench / "out" / "diagnosis.json").write_bytes(content)
     write_report(bench / "out", {"diagnosis.json": b'{"recordings": [{"folder": "../may"}]}'}, "diagnosis.json")

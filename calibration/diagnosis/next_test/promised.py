@@ -11,6 +11,8 @@ import numpy as np
 from calibration.diagnosis.next_test.information import pair_weights
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.expected import Capture
+from configs.units import BAR, STANDARD_BAR
+from model.motor import read_motor
 from rig.recording import Recording, RecordingFile
 from rig.recording.columns import pressure_in
 
@@ -106,7 +108,7 @@ def why_not(wanted: Sequence[Capture], taken: Recording) -> str:
 
 def captures_of(recording: Recording) -> list[Capture]:
     """What a recording holds, as it would be asked for: runs in time, a zero, plateaus mostly at one level."""
-    room = recording.ambient.pressure_bar_abs or 0.0
+    room = _room_bar(recording)
     found = []
     for file in recording.files:
         if file.kind == "zero":
@@ -117,12 +119,21 @@ def captures_of(recording: Recording) -> list[Capture]:
             continue
         added = recording.added_inertia_kg_m2 + file.added_inertia_kg_m2
         if file.kind == "transient":
-            is_open = file.columns["supply_open"].values[-1] > 0.5
+            supply = file.columns["supply_open"].values
+            is_open = supply[np.isfinite(supply)][-1] > 0.5
             settled = levels[levels.size // 2 :] if is_open else levels  # the line has to fill first
             found.append(Capture("spin-up" if is_open else "coast-down", float(np.median(settled)), added))
         elif np.mean(np.abs(levels - np.median(levels)) <= LEVEL * (np.median(levels) - room)) > 0.5:
             found.append(Capture("plateaus", float(np.median(levels)), added))
     return found
+
+
+def _room_bar(recording: Recording) -> float:
+    """The room's pressure [bar abs]; the motor's default where nobody told it."""
+    told = recording.ambient.pressure_bar_abs
+    if told is None and recording.is_of_radial_piston:
+        return read_motor(recording.motor).si("ambient_pressure") / BAR
+    return told or STANDARD_BAR
 
 
 def _levels(file: RecordingFile, room_bar: float) -> np.ndarray:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +20,14 @@ from calibration.likelihood.expected import Capture
 from rig.recording import read_recording, write_recording
 from tests.calibration.diagnosis.test_several_recordings import FRICTION, on_another_day
 from tests.documents import check
+
+OF_NOTHING = ("--without", "nothing")  # refused, with the files that there are
+MADE_OF = {"folder": "../swept", "sha256": "", "without": []}
+
+
+def of_diagnosis(recordings: object, **keys: object) -> str:
+    """What is read of a diagnosis that is gone on with."""
+    return json.dumps({"format": "diagnosis/1", "recordings": recordings, "next_tests": []} | keys)
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +100,14 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
         ('{"format": "diagnosis/1"}', "does not say what was diagnosed"),
         ('{"format": "diagnosis/99", "recordings": [1]}', "of format diagnosis/99"),
         ('["diagnosis/1"]', "does not say what was diagnosed"),
+        ("[" * 100_000, "(it is no JSON, or was cut off)"),
+        (of_diagnosis("abc"), "'recordings' should be a valid list (given: 'abc'); it was damaged: diagnose anew"),
+        (of_diagnosis([1]), "value 1 of 'recordings' should be a table"),
+        (of_diagnosis([{}]), "the key 'folder' in [[recordings]] entry 1 is missing"),
+        (of_diagnosis([MADE_OF], next_tests=None), "'next_tests' should be a valid list"),
+        (of_diagnosis([MADE_OF], next_tests=[{}]), "the key 'test' in [[next_tests]] entry 1 is missing"),
+        (of_diagnosis([MADE_OF], rivals=[1]), "value 1 of 'rivals' should be a table"),
+        (of_diagnosis([MADE_OF], promised=[{}]), "the key 'test' in [[promised]] entry 1 is missing"),
     ],
 )
 def test_what_is_no_diagnosis_is_not_gone_on_with(content, why, asked, tmp_path, spinbench_here):
@@ -100,6 +118,66 @@ def test_what_is_no_diagnosis_is_not_gone_on_with(content, why, asked, tmp_path,
     assert "Traceback" not in done.stderr and str(tmp_path / "diagnosis.json") in done.stderr
     assert why in done.stderr.splitlines()[-1]
     assert not (tmp_path / "out").exists()
+
+
+def gone_on_with(tmp_path, spinbench_here, *words: str, left_out: Sequence[str] = ()) -> list[str]:
+    """What is said where a diagnosis of RS, which is in out, is gone on with and that is refused."""
+    made_of = {"folder": "../RS", "sha256": read_recording(tmp_path / "RS").sha256, "without": left_out}
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "diagnosis.json").write_text(of_diagnosis([made_of]))
+    done = spinbench_here("diagnose", "--continue", *words, cwd=tmp_path)
+    assert done.returncode == 2
+    return done.stderr.splitlines()
+
+
+@pytest.fixture
+def taken_after(asked, tmp_path):
+    """The sweep as RS, and RC that was taken after it."""
+    shutil.copytree(asked / "swept", tmp_path / "RS")
+    shutil.copytree(asked / "flywheel", tmp_path / "RC")
+    with (tmp_path / "RC" / "recording.toml").open("a") as file:
+        file.write('\n[origin]\nparent = "RS"\n')
+    return tmp_path
+
+
+def test_a_copy_of_what_rows_were_left_out_of_is_given_twice(taken_after, spinbench_here):
+    shutil.copytree(taken_after / "RS", taken_after / "copy")
+    left_out = ["sweep.csv:3", "coast_down.csv"]
+    (said,) = gone_on_with(taken_after, spinbench_here, "out", "copy", left_out=left_out)
+    assert "a recording is given twice: copy, which is RS or a copy" in said
+
+
+def test_a_parent_that_was_diagnosed_already_is_not_taken_in_again(taken_after, spinbench_here):
+    (said,) = gone_on_with(taken_after, spinbench_here, "out", "RC", "--with-parents", *OF_NOTHING)
+    assert "there are RS/sweep.csv, RS/coast_down.csv, RC/" in said and said.count("RS/sweep.csv") == 1
+
+
+def test_what_was_diagnosed_already_is_refused_where_it_is_named_itself(taken_after, spinbench_here):
+    (said,) = gone_on_with(taken_after, spinbench_here, "out", "RS", "--with-parents")
+    assert "a recording is given twice: RS;" in said
+
+
+def test_recordings_are_found_from_a_folder_that_is_named_by_a_link(taken_after, spinbench_here):
+    (taken_after / "deep" / "er").mkdir(parents=True)
+    (taken_after / "deep" / "er" / "link").symlink_to(taken_after / "out")
+    (said,) = gone_on_with(taken_after, spinbench_here, "deep/er/link", "RC", *OF_NOTHING)
+    assert "there are RS/sweep.csv" in said
+
+
+def test_a_recording_of_another_motor_is_refused_before_anything_is_said_of_it(taken_after, spinbench_here):
+    with (taken_after / "RS" / "recording.toml").open("a") as file:
+        file.write('\n[origin]\nmotor_serial = "7"\n')
+    after = taken_after / "RC" / "recording.toml"
+    after.write_text(after.read_text().replace('parent = "RS"', 'motor_serial = "8"'))
+    (said,) = gone_on_with(taken_after, spinbench_here, "out", "RC")
+    assert "no. 8, not of the motor" in said
+
+
+def test_a_diagnosis_that_asked_for_no_test_is_said_to_have_asked_for_none(taken_after, spinbench_here):
+    at_rest = taken_after / "RC" / "coast_down.csv"  # refused once that is said
+    at_rest.write_text(re.sub(r"(?m)[\d.]+$", "0", at_rest.read_text()))
+    said = gone_on_with(taken_after, spinbench_here, "out", "RC")[0]
+    assert said == "spinbench: out asked for no test, so nothing was promised of what is given now"
 
 
 def test_what_a_recording_holds_is_told_as_it_is_asked_for(asked):
@@ -120,6 +198,28 @@ def test_a_run_that_was_not_asked_for_is_told_with_what_it_holds_and_what_was_as
     silent = replace(silent, values=np.full_like(silent.values, np.nan))
     unread = replace(flywheel, files=(replace(run, columns={**run.columns, "pressure_bar_abs": silent}),))
     assert f"holds no test by itself; {run.file} has no reading of the pressure. Asked for: " in why_not(wanted, unread)
+
+
+def test_a_gauge_pressure_is_above_the_room_of_the_motor_where_none_is_told(asked):
+    flywheel = read_recording(asked / "flywheel")
+    room, run = flywheel.ambient.pressure_bar_abs, flywheel.files[0]
+    columns = dict(run.columns)
+    read = columns.pop("pressure_bar_abs")
+    columns["pressure_bar_gauge"] = replace(read, values=read.values - room)
+    untold = replace(flywheel.ambient, pressure_bar_abs=None)
+    (taken,) = captures_of(replace(flywheel, ambient=untold, files=(replace(run, columns=columns),)))
+    assert taken.level_bar_abs == pytest.approx(1.7 - room + 1.01325, abs=0.02)
+
+
+def test_a_spin_up_is_one_where_its_last_row_does_not_tell_of_the_supply(asked):
+    flywheel = read_recording(asked / "flywheel")
+    run = flywheel.files[0]
+    supply = run.columns["supply_open"]
+    values = np.ones_like(supply.values)
+    values[-1] = np.nan
+    files = (replace(run, columns={**run.columns, "supply_open": replace(supply, values=values)}),)
+    (taken,) = captures_of(replace(flywheel, files=files))
+    assert taken.kind == "spin-up"
 
 
 def test_what_a_test_gave_is_what_it_moved_the_odds_of_the_likelier_by():

@@ -99,6 +99,7 @@ def test_a_recording_with_a_flywheel_in_one_run_is_one_day(tmp_path: Path) -> No
     ("words", "said"),
     [
         (("diagnose", "first", "second", "--per-recording", "leackage"), "the nearest is leakage"),
+        (("diagnose", "first", "second", "--per-recording", ""), "no effect is called ''; known: bad_reading, coulomb"),
         (("diagnose", "first", "--per-recording", "leakage"), "there is one only"),
         (("diagnose", "first", "second", "--per-recording", "inertia"), "inertia could not show in these recordings"),
         (("fit", "first", "second", "--per-recording", "leackage", "--effects", "leakage"), "the nearest is leakage"),

@@ -232,8 +232,11 @@ def test_an_effect_that_changes_with_time_needs_rows_with_a_time():
         fit.prepare(read_recording(PUBLISHED_SWEEP), effects=["friction_warm_up"])
 
 
-def test_the_command_refuses_a_misspelt_effect_in_a_line(spinbench_here):
-    done = spinbench_here("fit", PUBLISHED_SWEEP, "--effects", "leakge", cwd=ROOT)
+@pytest.mark.parametrize(
+    ("effects", "said"), [("leakge", "the nearest is leakage"), ("", "''; known: bad_reading"), (" , ", "''; known: ")]
+)
+def test_the_command_refuses_an_effect_that_there_is_not_in_a_line(spinbench_here, effects, said):
+    done = spinbench_here("fit", PUBLISHED_SWEEP, "--effects", effects, cwd=ROOT)
     assert done.returncode == 2
-    assert "the nearest is leakage" in done.stderr.splitlines()[-1]
+    assert said in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
