@@ -26,9 +26,10 @@ def day_of(recording: Recording) -> str:
 
 
 def moment_of(recording: Recording) -> datetime | None:
-    """When a recording's clock showed 0; None where its date says no time of day."""
-    is_day = len(recording.origin.get("date", "")) <= len("2026-05-28")
-    return None if is_day else date_of(recording)
+    """When a recording's clock showed 0, in no zone where its date says none; None where it says no time of day."""
+    text = recording.origin.get("date", "")
+    is_known = len(text) > len("2026-05-28") and date_of(recording) is not None
+    return datetime.fromisoformat(text) if is_known else None
 
 
 def refuse_other_than_iso(dates: Mapping[Path, str]) -> None:

@@ -12,7 +12,7 @@ from calibration.data.together import refuse_unlike
 from rig.recording import Recording, RecordingError, RecordingFile
 
 GAP_S = 3600.0  # between two recordings on the common clock
-NO_MOMENT = "no [origin] date with a time of day tells it"
+NO_MOMENT = "no [origin] dates with a time of day, all with a zone or all without, tell it"
 
 
 def together(recordings: Sequence[Recording]) -> Recording:
@@ -68,11 +68,12 @@ def _starts(recordings: Sequence[Recording]) -> tuple[list[float], str]:
     moments = [moment_of(one) for one in recordings]
     known = [one for one in moments if one is not None]
     ends = [max((_end(file) for file in one.files), default=0.0) for one in recordings]
-    if len(known) == len(recordings):
+    is_known = len(known) == len(recordings) and len({one.tzinfo is None for one in known}) == 1
+    if is_known:
         starts = [(one - known[0]).total_seconds() for one in known]
         if all(one + end <= after for one, end, after in zip(starts, ends, starts[1:], strict=False)):
             return starts, ""
-    lacking = "by their dates they do not follow each other" if len(known) == len(recordings) else NO_MOMENT
+    lacking = "by their dates they do not follow each other" if is_known else NO_MOMENT
     return np.cumsum([0.0, *(end + GAP_S for end in ends[:-1])]).tolist(), lacking
 
 

@@ -71,7 +71,7 @@ def _refuse_at_once(one: Recording, other: Recording) -> None:
         for column, figures in one.channels.items()
         if figures.serial and column in other.channels and other.channels[column].serial == figures.serial
     ]
-    if len(spans) < 2 or not by:
+    if len(spans) < 2 or not by or len({begin.tzinfo is None for begin, _ in spans}) > 1:
         return
     overlap = min(end for _, end in spans) - max(begin for begin, _ in spans)
     if overlap > timedelta(0):

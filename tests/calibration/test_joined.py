@@ -9,7 +9,7 @@ import pytest
 
 import tests.diagnosis_recordings as recordings
 from calibration.data.dates import day_of
-from calibration.data.joined import GAP_S, as_given, names_of
+from calibration.data.joined import GAP_S, NO_MOMENT, as_given, names_of
 from calibration.fit.sampling import Settings
 from calibration.report.fit import page
 from calibration.systems.look_up import compared
@@ -64,16 +64,6 @@ def test_lines_of_two_volumes_are_not_one(made) -> None:
     assert len(as_given([first, replace(second, supply=SupplyFigures(line_volume_l=5.0))])) == 2
 
 
-def test_one_instrument_at_one_moment_is_refused_where_one_date_has_no_zone(made) -> None:
-    dates = ("2026-05-28T10:00:00", "2026-05-28T10:00:00Z")
-    two = [
-        with_flow_meter(made(name, seed, date=date), "2025")
-        for name, seed, date in zip("ab", (3, 4), dates, strict=True)
-    ]
-    with pytest.raises(RecordingError, match="cannot have read both"):
-        as_given(two)
-
-
 def test_a_day_is_that_of_an_iso_date_and_another_text_is_of_a_day_of_its_own(made) -> None:
     morning, evening = made("a", date="20260628T080000"), made("b", date="2026-06-28T20:00:00")
     assert day_of(morning) == day_of(evening) == "2026-06-28"
@@ -89,7 +79,8 @@ def test_a_day_is_that_of_an_iso_date_and_another_text_is_of_a_day_of_its_own(ma
             LASTS_S + GAP_S,
             "by their dates they do not follow each other",
         ),
-        (("2026-05-28", "2026-05-28"), LASTS_S + GAP_S, "no [origin] date with a time of day tells it"),
+        (("2026-05-28", "2026-05-28"), LASTS_S + GAP_S, NO_MOMENT),
+        (("2026-05-28T10:00", "2026-05-28T12:00Z"), LASTS_S + GAP_S, NO_MOMENT),
     ],
 )
 def test_the_clock_of_all_is_that_of_their_dates_or_it_is_said_what_was_taken(made, dates, start, remark) -> None:
