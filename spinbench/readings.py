@@ -274,6 +274,7 @@ def each_once(folders: Sequence[Path]) -> tuple[list[Path], list[str]]:
     from spinbench.cli.errors import exit_code
 
     kept: list[tuple[Path, Recording | None]] = []
+    places: dict[Path, Path] = {}  # to find a folder's place takes longer than to hold its readings against another's
     words = []
     for folder in folders:
         try:
@@ -283,8 +284,10 @@ def each_once(folders: Sequence[Path]) -> tuple[list[Path], list[str]]:
                 raise
             kept.append((folder, None))
             continue
-        same = next((before for before, other in kept if other is not None and _is_same(one, other)), None)
+        place = folder.resolve()
+        same = places.get(place) or next((before for before, other in kept if other and _holds(one, other)), None)
         if same is None:
+            places[place] = folder
             kept.append((folder, one))
         else:
             words.append(f"passed over: {folder}: it holds the readings of {same}")
@@ -292,7 +295,12 @@ def each_once(folders: Sequence[Path]) -> tuple[list[Path], list[str]]:
 
 
 def _is_same(one: Recording, other: Recording) -> bool:
-    if one.folder.resolve() == other.folder.resolve() or (one.sha256 != "" and one.sha256 == other.sha256):
+    return one.folder.resolve() == other.folder.resolve() or _holds(one, other)
+
+
+def _holds(one: Recording, other: Recording) -> bool:
+    """Whether a recording holds the readings of another."""
+    if one.sha256 != "" and one.sha256 == other.sha256:
         return True
     dates = {recording.origin.get("date", "") for recording in (one, other)} - {""}
     fewest = FEWEST_ROWS if len(dates) < 2 else FEWEST_ROWS_OF_TWO_DATES

@@ -354,6 +354,7 @@ def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict)
         likely = [*hidden, *(c for c in not_excluded(candidates) if c not in hidden)]
         return [*base, *likely] if likely else []
     if verdict.chosen is None:
-        return sorted((c for c in candidates if c.names), key=lambda c: bool(c.refused))[:MOST_RIVALS]  # in order
+        sets = [c for c in candidates if c.names]  # most probable first
+        return sorted(sets, key=lambda c: bool(c.refused))[:MOST_RIVALS]
     listed = set(verdict.alternatives)
     return [verdict.chosen, *(c for c in candidates if c.names in listed)][:MOST_RIVALS]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -122,6 +123,16 @@ def test_a_fit_of_plateaus_says_which_recordings_it_passed_over(made) -> None:
     run = replace(other, files=tuple(replace(file, kind="transient") for file in other.files))
     (fitted,), _ = prepared([sweep, run], Settings(seed=1), steady_only=True)
     assert fitted.warnings == (f"{run.folder}: passed over: it has no plateaus",)
+
+
+def test_the_page_of_a_fit_holds_nothing_fixed_that_each_recording_has_for_itself(made) -> None:
+    first, second = made("a"), replace(made("b", 4), ambient=Ambient(pressure_bar_abs=0.99))
+    unknowns = compared([first, second]).problem.nuisances
+    assert {"a: ambient_pressure", "b: ambient_pressure"} <= {one.name for one in unknowns}
+    posterior = SimpleNamespace(estimates=[SimpleNamespace(unknown=one) for one in unknowns])
+    held = {row[0] for row in page._held_table(posterior, read_motor("ptm3600")).rows}
+    assert "piston_length" in held
+    assert held.isdisjoint({"ambient_pressure", "ambient_temperature", "inlet_temperature"})
 
 
 def test_the_page_of_a_fit_has_the_instruments_of_each_recording(made) -> None:

@@ -193,15 +193,22 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path, spinbe
         ("diagnose", "sweep", "-o", "sweep/"),
         ("many", "fit", "sweep", "-o", "sweep"),
         ("simulate", "--pressure-bar-abs", "2", "--json", "sweep/recording.toml"),
-        ("diagnose", "sweep", "-o", "sweep/below/it"),
     ],
 )
 def test_results_are_not_written_over_a_recording(tmp_path, spinbench_here, words):
     shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / "sweep")
     before = {path.name: path.read_bytes() for path in (tmp_path / "sweep").iterdir()}
-    said = refused(spinbench_here(*words, cwd=tmp_path))
-    assert "is a recording or run, which stays as it is; name another folder" in said and "sweep" in said
+    assert "sweep is a recording or run, which stays as it is; name another folder" in refused(
+        spinbench_here(*words, cwd=tmp_path)
+    )
     assert {path.name: path.read_bytes() for path in (tmp_path / "sweep").iterdir()} == before
+
+
+def test_results_are_not_written_below_a_recording(tmp_path, spinbench_here):
+    shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / "sweep")
+    said = refused(spinbench_here("diagnose", "sweep", "-o", "sweep/below/it", cwd=tmp_path))
+    assert f"sweep/below/it lies in {tmp_path / 'sweep'}, which is a recording or run, which stays as it is" in said
+    assert not (tmp_path / "sweep" / "below").exists()
 
 
 @pytest.mark.parametrize(

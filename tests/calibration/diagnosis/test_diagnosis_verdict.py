@@ -15,9 +15,10 @@ from scipy.stats import norm
 
 from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis import as_json, diagnose
+from calibration.diagnosis.diagnose import _rivals
 from calibration.diagnosis.document import set_probability
 from calibration.diagnosis.steps import confirm
-from calibration.diagnosis.steps.candidate import no_larger
+from calibration.diagnosis.steps.candidate import Candidate, no_larger
 from calibration.diagnosis.steps.confirm import HeldOut, Predicted, cross_validate, fit_on, predict_held
 from calibration.diagnosis.steps.detect import _Test
 from calibration.diagnosis.steps.misread import alone_at_an_end
@@ -477,3 +478,22 @@ def test_a_practice_recording_is_not_misnamed(name: str) -> None:
         assert any(said in CASES[name] for said in sets_said(found))
         if found["verdict"] == "named":
             assert {e["id"] for e in found["effects"]} in CASES[name]
+
+
+def test_all_sets_that_are_not_excluded_are_said_to_be_possible() -> None:
+    without_friction = SimpleNamespace(problem=SimpleNamespace(friction="", place=lambda _: None), rig=False)
+    possible = ["leakage", "pressure_gauge_offset", "windage"]
+    sets = [*((name,) for name in possible), ()]
+    candidates = [
+        Candidate(names, None, 0.0, math.log(p)) for names, p in zip(sets, (0.3, 0.25, 0.24, 0.2), strict=True)
+    ]
+    verdict = judge(0.4, candidates, {}, None)
+    rivals = _rivals(without_friction, candidates, verdict)
+    assert [one.names for one in rivals] == [(), *sets[:3]]
+    document = {
+        "verdict": "consistent",
+        "mismatch": {"p_value": 0.4},
+        "rivals": [{"effects": list(one.names)} for one in rivals],
+    }
+    said = sentence(document)
+    assert all(name in said.partition("Still possible: ")[2] for name in possible)
