@@ -22,7 +22,7 @@ from calibration.likelihood.tails import reweighed_sizes
 # More of a channel are no single misreadings: this many, or as many as five if they are a fifth at most, or this share.
 SINGLE, FEW, FEW_SHARE, SHARE = 3, 5, 0.2, 0.1
 ALIKE = math.log(BAD_WIDTH / BAD)  # nats that a reading bad by itself costs: one shift of all may be so much worse
-NOISE_STEPS = 4
+NOISE_STEPS, STANDS = 4, 1e-3  # at most; prior sds of the noise, of which a smaller step is the last
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,10 @@ def suiting_noise(
     difference = comparison.read - comparison.raw(predicted)
     for _ in range(NOISE_STEPS):
         weight, _ = robust_weights(comparison.whitener(predicted, u)(difference), comparison, found)
-        u = u + comparison.noise_step(difference, predicted, u, weight, D, correlated)[0]
+        step = comparison.noise_step(difference, predicted, u, weight, D, correlated)[0]
+        u = u + step
+        if np.all(np.abs(step) < STANDS * comparison.noise.spread):
+            break
     return u
 
 

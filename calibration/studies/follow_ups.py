@@ -43,10 +43,11 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
 
     `argument`: ``seed`` of the draw; ``dry``, whether dry friction alone is concealed; ``days``, tests that are taken
         at most.
-    Returns ``ids`` concealed; ``D`` and ``rival`` of the first recording by the scorer, None where its diagnosis is
-    right; and ``steps``: of each diagnosis its verdict, what it is worth, and the test that was given back before it,
-    with nats promised and delivered.
+    Returns ``ids`` concealed; ``D`` and ``rival`` of the first recording by the scorer, None where its diagnosis names
+    or lists the truth; and ``steps``: of each diagnosis its verdict, what it is worth, and the test that was given back
+    before it, with nats promised and delivered.
     """
+    from calibration.challenge.scoring.judging import LISTED, RIGHT
     from calibration.challenge.second_rig import another_day, draw, make_recording, separable
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose
@@ -61,8 +62,8 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
         make_recording(truth, folders[0])
         found = diagnose(read_recording(folders[0]), SEED)
         steps = [_step(truth, found)]
-        is_right = steps[0]["outcome"] == "right"  # its D would say nothing more, and takes minutes
-        seen = {"D": None, "rival": None} if is_right else separable(truth, folders[0])
+        is_told = steps[0]["outcome"] in (RIGHT, LISTED)  # its D would say nothing more, and takes minutes
+        seen = {"D": None, "rival": None} if is_told else separable(truth, folders[0])
         for day in range(1, argument["days"] + 1):
             test = next((one for one in found.next_tests if one.capture), None)
             if test is None or test.capture is None:
@@ -204,8 +205,8 @@ def page(found: Row) -> str:
         "",
         "![promised against delivered](follow_ups.png)",
         "",
-        "What a first diagnosis was worth that was not right, by D: how many sds of noise the first recording shows of",
-        "what is concealed, once the nuisances have taken up what they can.",
+        "What a first diagnosis was worth that neither named nor listed the truth, by D: how many sds of noise the",
+        "first recording shows of what is concealed, once the nuisances have taken up what they can.",
         "",
     ]
     by_d = [(one["D"], ", ".join(f"{n} {what}" for what, n in one["outcomes"].items())) for one in found["by_D"]]

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -37,7 +36,6 @@ START_MARGIN = 1.1
 ASKED = (1.0, 4.0, 16.0, 64.0, 256.0)  # rad/s; speeds at which the torque is asked for that the highest one hangs on
 NEWTON = 4  # steps to the flow through a loss; its law is a power of the flow
 
-FEW_PRESSURES = 2  # of a line that does no more than step
 NEXT_NODE, FARTHER_NODE, MOST_NODES = 1.2, 1.35, 24  # factors from one pressure to the next at which cycles are solved
 
 TORQUE, FLOW, SLOPE = slice(0, FINE), slice(FINE, 2 * FINE), slice(2 * FINE, 2 * FINE + 2)  # columns of `_at_nodes`
@@ -77,26 +75,6 @@ def speeds(
     return _recent(key, lambda: _speeds(parameters, readings, line, time, start_rad_s, chosen, clock, start_rad))
 
 
-class _Tables(NamedTuple):
-    """What the march looks up for n spans of the supply, over speeds up to `top` and flows up to `most_flow`.
-
-    `pressures`, shape (n,): of the line [Pa].
-    `torque`, `flow`, shape (n, FINE): net torque [N m], and mass flow into the cylinders [kg/s].
-    `slope`, shape (n, 2): what the torque gains per pressure in suction and in discharge [N m/Pa].
-    `loss`, shape (n, 2, FLOWS): pressure lost ahead of the cylinders and behind them [Pa], over the flow.
-    Where nothing is `lossy`, nobody looks at `flow`, `slope` and `loss`: they have no rows.
-    """
-
-    pressures: np.ndarray
-    torque: np.ndarray
-    flow: np.ndarray
-    slope: np.ndarray
-    loss: np.ndarray
-    top: float
-    most_flow: float
-    lossy: bool
-
-
 def _speeds(
     parameters: np.ndarray,
     readings: np.ndarray,
@@ -111,20 +89,6 @@ def _speeds(
     parameters = laws.with_factors(parameters, chosen)
     those = [(effect, values) for effect, values in laws.members(chosen) if not effect.periodic]
     around = uneven.around([(effect, values) for effect, values in laws.members(chosen) if effect.periodic])
-    tables = _tables(parameters, readings, line, start_rad_s, those, clock)
-    begins = np.ascontiguousarray(line[:, 0])
-    found: np.ndarray = _march(time, begins, tables, start_rad_s, parameters[at.J], start_rad, around)
-    return found
-
-
-def _tables(
-    parameters: np.ndarray,
-    readings: np.ndarray,
-    line: np.ndarray,
-    start_rad_s: float,
-    those: laws.Members,
-    clock: float,
-) -> _Tables:
     vented = float(parameters[at.P_A] + parameters[at.DP_OUT] + parameters[at.DP_IN])  # both ports at the same pressure
     pressures = np.where(line[:, 2] > 0.0, line[:, 1], vented)
     nodes = _nodes(pressures)
@@ -136,19 +100,12 @@ def _tables(
         (top, clock),
     )
     table = _recent_nodes(key, lambda: _at_nodes(parameters, readings, gas, nodes, top, those, clock))
-    # Between two nodes everything goes in a straight line with the pressure.
-    low = np.clip(np.searchsorted(nodes, pressures, side="right") - 1, 0, max(nodes.size - 2, 0))
-    high = np.minimum(low + 1, nodes.size - 1)
-    up = np.where(high > low, (pressures - nodes[low]) / np.maximum(nodes[high] - nodes[low], 1e-9), 0.0)
-    lossy = bool(np.any(table[:, LOSS]))
-    found = np.empty((pressures.size if lossy else 0, LOSS.stop))
-    if lossy:
-        _put_between(table, low, high, up, found)
-    torque = np.empty((pressures.size, FINE))
-    _put_between(table, low, high, up, torque)
-    flow, slope, loss = (np.ascontiguousarray(found[:, columns]) for columns in (FLOW, SLOPE, LOSS))
-    most_flow = _most_flow(table[:, FLOW])
-    return _Tables(pressures, torque, flow, slope, loss.reshape(-1, 2, FLOWS), top, most_flow, lossy)
+    ends = (top, _most_flow(table[:, FLOW]))
+    begins = np.ascontiguousarray(line[:, 0])
+    found: np.ndarray = _march(
+        time, begins, pressures, nodes, table, ends, start_rad_s, parameters[at.J], start_rad, around
+    )
+    return found
 
 
 def _at_nodes(
@@ -160,7 +117,13 @@ def _at_nodes(
     those: laws.Members,
     clock: float,
 ) -> np.ndarray:
-    """`_Tables` of each node, shape (nodes, LOSS.stop): net torque, flow, slopes and losses beside one another."""
+    """What the march looks up at each node, beside one another, shape (nodes, LOSS.stop).
+
+    TORQUE: net torque over the speed, evenly up to `top` [N m].
+    FLOW: mass flow into the cylinders over the speed [kg/s].
+    SLOPE: what the torque gains per pressure in suction and in discharge [N m/Pa].
+    LOSS: pressure lost ahead of the cylinders, then behind them [Pa], over the flow, evenly up to `_most_flow`.
+    """
     fine = np.linspace(0.0, top, FINE)
     coarse = top * (SLOWEST + (1.0 - SLOWEST) * 0.5 * (1.0 - np.cos(np.pi * np.arange(SPEEDS) / (SPEEDS - 1))))
     slope, torque, flow, load = _cycles(parameters, readings, gas, nodes, coarse, fine)
@@ -192,21 +155,20 @@ def _losses(
     return loss
 
 
+@njit(cache=True, nogil=True)
 def _nodes(pressures: np.ndarray) -> np.ndarray:
     """Pressures at which the cycle is solved [Pa]: those of the line, or where these are many a few that hold them."""
-    unique = np.unique(pressures)
-    if unique.size <= FEW_PRESSURES:
-        return unique
-    grid = unique[0] * np.append(1.0, NEXT_NODE * FARTHER_NODE ** np.arange(MOST_NODES))
-    return grid[: int(np.searchsorted(grid, unique[-1])) + 1]
-
-
-@njit(cache=True, nogil=True)
-def _put_between(table: np.ndarray, low: np.ndarray, high: np.ndarray, up: np.ndarray, out: np.ndarray) -> None:
-    """Fill `out`, shape (n, k), with the first k columns of a table between its nodes."""
-    for i in range(up.size):
-        for k in range(out.shape[1]):
-            out[i, k] = (1.0 - up[i]) * table[low[i], k] + up[i] * table[high[i], k]
+    least, most, is_many = pressures.min(), pressures.max(), False
+    for P in pressures:
+        is_many |= least < P < most
+    if not is_many:
+        return np.array([least, most]) if least < most else np.array([least])
+    nodes, count = np.empty(MOST_NODES + 1), 1
+    nodes[0] = least
+    while count <= MOST_NODES and nodes[count - 1] < most:
+        nodes[count] = least * NEXT_NODE * FARTHER_NODE ** (count - 1)
+        count += 1
+    return nodes[:count]
 
 
 def _cycles(
@@ -325,40 +287,60 @@ def _passing(free: float, pressure: float, step: float, drop: np.ndarray) -> flo
     return passing
 
 
-# Numba takes arrays one by one: `model.solvers`.
 @njit(cache=True, nogil=True)
 def _rate(
-    omega: float,
-    s: int,
-    top: float,
-    torque: np.ndarray,
-    flow: np.ndarray,
-    slope: np.ndarray,
-    loss: np.ndarray,
-    most_flow: float,
-    lossy: bool,
-    pressure: float,
-    J: float,
+    omega: float, row: np.ndarray, step: float, flow_step: float, is_lossy: bool, pressure: float, J: float
 ) -> float:
-    """Rate of the speed [rad/s2]; the air passes as it would at that speed for ever, for it waits for nothing."""
-    step = top / (torque.shape[1] - 1)
-    turning = _at(omega, step, torque[s])
-    if not lossy:
+    """Rate of the speed [rad/s2]; the air passes as it would at that speed for ever, for it waits for nothing.
+
+    `row`: of `_at_nodes`, at the pressure.
+    `step`, `flow_step`: between its speeds [rad/s] and between its flows [kg/s].
+    """
+    turning = _at(omega, step, row[:FINE])
+    if not is_lossy:
         return turning / J
-    flow_step = most_flow / (loss.shape[2] - 1)
-    passing = _passing(_at(omega, step, flow[s]), pressure, flow_step, loss[s, 0])
-    drop = min(_at(passing, flow_step, loss[s, 0]), laws.MOST_LOST * pressure)
-    rise = _at(passing, flow_step, loss[s, 1])
-    turning += -slope[s, 0] * drop + slope[s, 1] * rise
+    ahead, behind = row[LOSS.start : LOSS.start + FLOWS], row[LOSS.start + FLOWS :]
+    passing = _passing(_at(omega, step, row[FINE : 2 * FINE]), pressure, flow_step, ahead)
+    drop = min(_at(passing, flow_step, ahead), laws.MOST_LOST * pressure)
+    rise = _at(passing, flow_step, behind)
+    turning += -row[SLOPE.start] * drop + row[SLOPE.start + 1] * rise
     return turning / J
 
 
 @njit(cache=True, nogil=True)
+def _put_row(table: np.ndarray, nodes: np.ndarray, pressure: float, out: np.ndarray) -> None:
+    """Fill `out` with the first columns of a table at a pressure: between two nodes all goes straight with it."""
+    low = 0
+    while low + 2 < nodes.size and nodes[low + 1] <= pressure:
+        low += 1
+    high = min(low + 1, nodes.size - 1)
+    up = (pressure - nodes[low]) / max(nodes[high] - nodes[low], 1e-9) if high > low else 0.0
+    for k in range(out.size):
+        out[k] = (1.0 - up) * table[low, k] + up * table[high, k]
+
+
+# Numba takes arrays one by one: `model.solvers`.
+@njit(cache=True, nogil=True)
 def _march(
-    time: np.ndarray, spans: np.ndarray, tables: _Tables, start: float, J: float, angle: float, around: np.ndarray
+    time: np.ndarray,
+    spans: np.ndarray,
+    pressures: np.ndarray,
+    nodes: np.ndarray,
+    table: np.ndarray,
+    ends: tuple[float, float],
+    start: float,
+    J: float,
+    angle: float,
+    around: np.ndarray,
 ) -> np.ndarray:
-    """Mean speed since the sample before; the rotor does not turn back."""
-    pressures, torque, flow, slope, loss, top, most_flow, lossy = tables
+    """Mean speed since the sample before; the rotor does not turn back.
+
+    `spans`, `pressures`: of the line, where each begins [s] and its pressure [Pa].
+    `nodes`, `table`, `ends`: of `_at_nodes`, with the last of its speeds [rad/s] and of its flows [kg/s].
+    """
+    step, flow_step = ends[0] / (FINE - 1), ends[1] / (FLOWS - 1)
+    is_lossy = bool(np.any(table[:, LOSS.start :] != 0.0))
+    row, rowed = np.empty(table.shape[1] if is_lossy else FINE), -1  # nothing else of it is looked at
     out = np.empty(time.size)
     out[0] = start
     omega, t, span = start, time[0], 0
@@ -372,18 +354,19 @@ def _march(
                 end = spans[span + 1]
             steps = max(1, int(np.ceil((end - t) / LONGEST_STEP_S - 1e-9)))
             h, P = (end - t) / steps, pressures[span]
+            if span != rowed:
+                _put_row(table, nodes, P, row)
+                rowed = span
             for _ in range(steps):
                 w, v = omega, omega
-                a1 = _rate(v, span, top, torque, flow, slope, loss, most_flow, lossy, P, J)
-                a1 -= _of_angle(angle, around) / J
+                a1 = _rate(v, row, step, flow_step, is_lossy, P, J) - _of_angle(angle, around) / J
                 v = max(w + 0.5 * h * a1, 0.0)
-                a2 = _rate(v, span, top, torque, flow, slope, loss, most_flow, lossy, P, J)
-                a2 -= _of_angle(angle + 0.5 * h * w, around) / J
+                a2 = _rate(v, row, step, flow_step, is_lossy, P, J) - _of_angle(angle + 0.5 * h * w, around) / J
                 v = max(w + 0.5 * h * a2, 0.0)
-                a3 = _rate(v, span, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                a3 = _rate(v, row, step, flow_step, is_lossy, P, J)
                 a3 -= _of_angle(angle + 0.5 * h * (w + 0.5 * h * a1), around) / J
                 v = max(w + h * a3, 0.0)
-                a4 = _rate(v, span, top, torque, flow, slope, loss, most_flow, lossy, P, J)
+                a4 = _rate(v, row, step, flow_step, is_lossy, P, J)
                 a4 -= _of_angle(angle + h * (w + 0.5 * h * a2), around) / J
                 omega = max(w + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4), 0.0)
                 # Of the cubic through both ends and their slopes.

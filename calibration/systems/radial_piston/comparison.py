@@ -55,8 +55,8 @@ class Comparison(Compared):
     `kind`, shape (m,): FLOW, SPEED, RUN + i, VENTED, STANDING, or LINE.
     `index`, shape (m,): row of the plateaus, or sample of the run.
     `n`: number of plateaus [-].
-    `swing`, shape (end - 2 n,): how far the pulses of the cylinders swing the shaft's angle at the runs' samples, rms
-        [rad].
+    `angle_sd`, shape (end - 2 n,): to what the shaft's angle is known at the runs' samples, which the pulses of the
+        cylinders swing [rad].
     """
 
     problem: Problem
@@ -80,7 +80,6 @@ class Comparison(Compared):
         self.end = 2 * n + sum(self.sizes)
         self.known = np.isfinite(self.read)
         self.n = n
-        self.swing = np.zeros(self.end - 2 * n)
         self._middle: np.ndarray | None = None
         self.in_time = bool(runs)
         pairs = list(zip(runs, self.used, strict=True))
@@ -97,20 +96,14 @@ class Comparison(Compared):
         self.noise = Noise(problem, self.known, self.sizes, self.step, apart)
         self.see_pulses(np.zeros(len(problem.nuisances)))
 
-    @property
-    def angle_sd(self) -> np.ndarray:
-        """To what the shaft's angle is known at the runs' samples [rad], shape (end - 2 n,)."""
-        return np.hypot(self.swing, self.pitch_sd)
-
     def see_pulses(self, z: np.ndarray) -> None:
         """Take the swing of the pulses anew, from simulations at a point of the base model.
 
         `z`, shape (n_nuisances,): the point [-].
         """
         swings = self.problem.see_pulses(z)
-        self.swing = np.concatenate(
-            [swing[used] for swing, used in zip(swings, self.used, strict=True)] or [np.zeros(0)]
-        )
+        swing = np.concatenate([swing[used] for swing, used in zip(swings, self.used, strict=True)] or [np.zeros(0)])
+        self.angle_sd = np.hypot(swing, self.pitch_sd)
 
     def giving(self, given: Mapping[tuple[str, str], float]) -> Comparison:
         """The same comparison, with other parameters of effects given, as `Problem.giving` does."""

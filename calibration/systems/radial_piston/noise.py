@@ -12,12 +12,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky_banded
-from scipy.linalg.lapack import dtbtrs, dtrtrs
+from scipy.linalg.lapack import dtrtrs
 
 from calibration.likelihood import compared
 from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.unknowns.priors import CHANNELS, NOISE_SD, Unknown, noise_scale
+from configs.compiled import njit
 
 CORRELATION_SD = 0.7  # of the inverse hyperbolic tangent: two in three lie within 0.6; of even correlations it is 0.9
 SPREAD = np.array([NOISE_SD, NOISE_SD, NOISE_SD, CORRELATION_SD, CORRELATION_SD])
@@ -288,20 +288,11 @@ class Noise(compared.Noise):
         """What each sample of the runs takes over from the one before, and the factor of the rest, in banded form."""
         if not self.step.size:
             return np.zeros(0), np.zeros((3, 0))
-        sd, share = self._of_samples_sd(u), np.where(self.first, 0.0, math.tanh(u[SAMPLES]))
-        rho = share * sd / np.maximum(_one_on(sd), 1e-30)
-        own = sd * sd * (1.0 - share * share)
-        # Rounding, and the angle that a sample shares with the next: a band, which following the noise widens by one.
-        now, before = angle / self.step, _one_on(angle)
-        last = np.where(self.first, now, before / self.step)
-        shared = before * before / (self.step * _one_on(self.step))
-        d, e = self.rounding[2] + now * now + last * last, np.where(self.first, 0.0, -shared)
-        earlier, above = _one_on(d), _one_on(e)
-        band = np.zeros((3, d.size))
-        band[0] = own + d - 2.0 * rho * e + rho * rho * earlier
-        band[1, :-1] = (e - rho * earlier + rho * _one_on(rho) * above)[1:]
-        band[2, :-2] = (-rho * above)[2:]
-        return rho, cholesky_banded(band, lower=True)
+        share = np.where(self.first, 0.0, math.tanh(u[SAMPLES]))
+        follow, band = _factored(self._of_samples_sd(u), share, self.step, self.first, angle, self.rounding[2])
+        if not np.isfinite(band[0]).all():
+            raise np.linalg.LinAlgError("the samples' covariance is not positive definite")
+        return follow, band
 
     def _of_samples(
         self, difference: np.ndarray, u: np.ndarray, angle: np.ndarray, weight: np.ndarray, correlated: bool
@@ -336,16 +327,61 @@ class Noise(compared.Noise):
         return slope, information
 
 
-def _one_on(x: np.ndarray) -> np.ndarray:
-    """Each entry of the one before, the first of the last: what np.roll does, in an eighth of the time."""
-    return np.concatenate([x[-1:], x[:-1]])
+@njit(error_model="numpy", cache=True, nogil=True)
+def _factored(
+    sd: np.ndarray, share: np.ndarray, step: np.ndarray, first: np.ndarray, angle: np.ndarray, rounding: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """What samples take over from those before, shape (k,), and the Cholesky factor of the rest, shape (3, k).
+
+    Rounding, and the angle that a sample shares with the next, are a band, which following the noise widens by one.
+
+    `sd`, shape (k,): of the noise of each [SI].
+    `share`, shape (k,): of it that stays from the one before [-].
+    `step`, `first`, `angle`: as in `Noise`.
+    `rounding`: variance [SI].
+    """
+    k = sd.size
+    follow, shared, own, band = np.zeros(k), np.zeros(k), np.empty(k), np.zeros((3, k))
+    for i in range(k):  # those at i - 1 of the first are the last's: there the shares are 0
+        now, last = angle[i] / step[i], angle[i if first[i] else i - 1] / step[i]
+        own[i] = rounding + now * now + last * last
+        if not first[i]:
+            shared[i] = -angle[i - 1] * angle[i - 1] / (step[i] * step[i - 1])
+        follow[i] = share[i] * sd[i] / max(sd[i - 1], 1e-30)
+    for i in range(k):
+        band[0, i] = sd[i] * sd[i] * (1.0 - share[i] * share[i]) + own[i]
+        band[0, i] += follow[i] * follow[i] * own[i - 1] - 2.0 * follow[i] * shared[i]
+        if i + 1 < k:
+            band[1, i] = shared[i + 1] - follow[i + 1] * own[i] + follow[i + 1] * follow[i] * shared[i]
+        if i + 2 < k:
+            band[2, i] = -follow[i + 2] * shared[i + 1]
+    for i in range(k):
+        for back in range(1, min(i, 2) + 1):
+            before = band[back, i - back]
+            band[0, i] -= before * before
+            if back == 1:
+                band[1, i] -= band[2, i - 1] * before
+        band[0, i] = np.sqrt(band[0, i])
+        band[1, i] /= band[0, i]
+        band[2, i] /= band[0, i]
+    return follow, band
+
+
+@njit(cache=True, nogil=True)
+def _solved(follow: np.ndarray, band: np.ndarray, given: np.ndarray) -> np.ndarray:
+    out = np.empty_like(given)
+    for i in range(given.shape[0]):
+        for c in range(given.shape[1]):
+            left = given[i, c]
+            if i > 0:
+                left -= follow[i] * given[i - 1, c] + band[1, i - 1] * out[i - 1, c]
+            if i > 1:
+                left -= band[2, i - 2] * out[i - 2, c]
+            out[i, c] = left / band[0, i]
+    return out
 
 
 def _forward(follow: np.ndarray, band: np.ndarray, given: np.ndarray) -> np.ndarray:
     """Samples less what they take over from those before, through a factor in banded form."""
-    share = follow if given.ndim == 1 else follow[:, None]
-    left = given.copy()
-    left[1:] -= share[1:] * given[:-1]
-    # The general solver for banded matrices takes ten times as long for a single column.
-    solved, _ = dtbtrs(band, left.reshape(left.shape[0], -1), uplo="L")
-    return np.asarray(solved).reshape(left.shape)
+    columns = np.ascontiguousarray(given).reshape(given.shape[0], -1)
+    return np.asarray(_solved(follow, band, columns)).reshape(given.shape)

@@ -59,8 +59,8 @@ def test_whitened_noise_is_standard_normal_whatever_its_correlations(comparison,
 
 
 def test_how_the_shaft_stood_is_left_to_chance(comparison):
-    assert np.all(comparison.swing > 0.0)
-    assert np.array_equal(comparison.angle_sd, comparison.swing)  # no teeth are stated
+    assert comparison.pitch_sd == 0.0  # no teeth are stated
+    assert np.all(comparison.angle_sd > 0.0)
 
 
 def test_the_density_of_whitened_readings_is_that_of_the_covariance(comparison, prediction):

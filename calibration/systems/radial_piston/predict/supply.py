@@ -120,15 +120,13 @@ class Course:
 
         `time`: on the run's clock [s].
         """
-        found = np.full(np.shape(time), 1.0 if self.valve[0].is_open else 0.0)
-        for span in self.valve[1:]:
-            step = self._answer(time - span.start_s, OPENING if span.is_open else VENTING)
-            if span.is_open:
-                found = found + step + self._droop(time, span.start_s) + self._wander(time, span.start_s)
-            else:
-                found = found - step
-        clipped: np.ndarray = np.clip(found, 0.0, MOST_SHARE)
-        return clipped
+        starts, opens = self._spans()
+        ways, forms, bends, wander = self._figures()
+        when = np.asarray(time, dtype=np.float64)
+        found: np.ndarray = _shares(
+            when.ravel(), starts, opens, ways, forms, bends, wander, self.over, self.turning
+        ).reshape(when.shape)
+        return found
 
     def staircase(self, settled_pa: float, vented_pa: float, shut_pa: float) -> np.ndarray:
         """The line as spans of constant pressure: rows of start [s], pressure [Pa], and 1 where it is open.
@@ -136,57 +134,104 @@ class Course:
         `settled_pa`, `vented_pa`: True pressure of the settled and of the vented line [Pa].
         `shut_pa`: pressure from which on downwards the inlet holds what a vented one does [Pa].
         """
-        begins = [np.array([self.valve[0].start_s])]
-        for k, span in enumerate(self.valve[1:], start=1):
-            way = OPENING if span.is_open else VENTING
-            width = self.own[f"{way}_time"] + self.own[f"{way}_valve"]
-            edges = span.start_s + self.own[f"{way}_late"] + width * EDGES
-            until = self.valve[k + 1].start_s if k + 1 < len(self.valve) else math.inf
-            if span.is_open:
-                edges = np.append(edges, np.arange(edges[-1], self.over, STEADY_STEP_S)[1:])
-            begins.append(edges[(edges > begins[-1][-1]) & (edges < until)])
-        begin = np.concatenate(begins)
+        begin = _edges(*self._spans(), self._figures()[0], self.over)
         last = begin[-1] + (begin[-1] - begin[-2] if begin.size > 1 else 1.0)
-        share = self.share(0.5 * (begin + np.append(begin[1:], last)))
-        pressure = vented_pa + (settled_pa - vented_pa) * share
+        middle = 0.5 * (begin + np.append(begin[1:], last))
+        pressure = vented_pa + (settled_pa - vented_pa) * self.share(middle)
         is_open = shut_pa < pressure
         kept = is_open | np.append(True, is_open[:-1])  # while it stays shut, one span will do
         return np.column_stack([begin, np.where(is_open, pressure, vented_pa), is_open])[kept]
 
-    def _droop(self, time: np.ndarray, opened: float) -> np.ndarray:
-        """How much higher an open line stands for the air that the motor does not take yet [-]."""
-        after = np.asarray(time, dtype=np.float64) - opened - self.own["opening_late"]
-        turning, found = self.turning - opened - self.own["opening_late"], np.zeros(after.size)
-        _spare(after.ravel(), np.maximum(turning, 0.0), *self._lags(), found)
-        return self.own["opening_droop"] * found.reshape(after.shape)
+    def _spans(self) -> tuple[np.ndarray, np.ndarray]:
+        """When each span of the valve begins [s], and whether it is open."""
+        return np.array([span.start_s for span in self.valve]), np.array([span.is_open for span in self.valve])
 
-    def _lags(self) -> tuple[float, float, float]:
-        """Time constants of a line that fills [s], and the share that passes ahead of the slower one [-]."""
-        return self.own["opening_time"], self.own["opening_valve"], self.own["opening_lead"]
+    def _figures(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The run's own unknowns as `_shares` takes them: `ways`, `forms`, `bends` and `wander`."""
+        own, ways, forms = self.own, np.ones((2, 3)), np.zeros((2, len(FORMS)))
+        for is_open in {span.is_open for span in self.valve[1:]}:
+            way = OPENING if is_open else VENTING
+            ways[int(is_open)] = own[f"{way}_late"], own[f"{way}_time"], own[f"{way}_valve"]
+            forms[int(is_open)] = [own[f"{way}_form_{k}"] for k in range(len(FORMS))]
+        bends = np.array([own.get("opening_lead", 0.0), own.get("opening_droop", 0.0), own.get("venting_bend", 0.0)])
+        wander = np.array([own.get(f"wander_{k}", 0.0) for k in range(WANDERS)])
+        return ways, forms, bends, wander
 
-    def _wander(self, time: np.ndarray, opened: float) -> np.ndarray:
-        """How far an open line is above where it should be [-]."""
-        width = max(self.over - opened, 1e-3) / WANDERS
-        middles = opened + width * (np.arange(WANDERS) + 1.0)
-        height = np.array([self.own[f"wander_{k}"] for k in range(WANDERS)])
-        found: np.ndarray = np.interp(time, np.append(opened, middles), np.append(0.0, height))
-        return found
 
-    def _answer(self, time: np.ndarray, way: str) -> np.ndarray:
-        """How far the line has come a time after the valve is said to be moved [-]."""
-        after = np.asarray(time, dtype=np.float64) - self.own[f"{way}_late"]
-        slow, fast = self.own[f"{way}_time"], self.own[f"{way}_valve"]
-        begun, found = np.maximum(after, 0.0).ravel(), np.zeros(after.size)
-        if way == VENTING:
-            _empty(begun, slow, fast, self.own["venting_bend"], found)
-        else:
-            _fill(begun, *self._lags(), found)
-        forms = np.array([self.own[f"{way}_form_{k}"] for k in range(len(FORMS))])
-        if way == VENTING:
-            forms = -forms  # up is more pressure: an empty line goes nowhere else, and derivatives are taken upwards
-        _add_forms(begun / (slow + fast), forms, found)
-        answer: np.ndarray = np.where(after > 0.0, found.reshape(after.shape), 0.0)
-        return answer
+LATE, SLOW, FAST = range(3)  # of each way, venting first: when it begins [s], and its time constants [s]
+LEAD, SPARE, EMPTIES = range(3)  # share that passes ahead, droop and bend [-]
+
+
+@njit(cache=True, nogil=True)
+def _shares(
+    time: np.ndarray,
+    starts: np.ndarray,
+    opens: np.ndarray,
+    ways: np.ndarray,
+    forms: np.ndarray,
+    bends: np.ndarray,
+    wander: np.ndarray,
+    over: float,
+    turning: np.ndarray,
+) -> np.ndarray:
+    """`Course.share`.
+
+    `starts`, `opens`, shape (k,): when each span of the valve begins [s], and whether it is open.
+    `ways`, shape (2, 3), `forms`, shape (2, 4): of a line that empties, then of one that fills.
+    `bends`, shape (3,): LEAD, SPARE, EMPTIES [-].
+    """
+    out = np.empty(time.size)
+    for i in range(time.size):
+        share = 1.0 if opens[0] else 0.0
+        for span in range(1, starts.size):
+            late, slow, fast = ways[int(opens[span])]
+            begun = time[i] - starts[span] - late
+            if opens[span]:
+                share += _wandered(time[i], starts[span], over, wander)
+            if begun <= 0.0:
+                continue
+            moved = _deviation(begun / (slow + fast), forms[int(opens[span])])
+            if opens[span]:
+                filled = _filled(begun, slow, fast, bends[LEAD])
+                spare = filled - _taken(begun, turning, starts[span] + late, slow, fast, bends[LEAD])
+                share += filled + moved + bends[SPARE] * spare
+            else:  # up is more pressure: an empty line goes nowhere else, and derivatives are taken upwards
+                share -= _emptied(begun, slow, fast, bends[EMPTIES]) - moved
+        out[i] = min(max(share, 0.0), MOST_SHARE)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _edges(starts: np.ndarray, opens: np.ndarray, ways: np.ndarray, over: float) -> np.ndarray:
+    """When the spans of the staircase begin [s]."""
+    found = [starts[0]]
+    for span in range(1, starts.size):
+        late, slow, fast = ways[int(opens[span])]
+        until = starts[span + 1] if span + 1 < starts.size else np.inf
+        least, edge = found[-1], 0.0
+        for one in EDGES:
+            edge = starts[span] + late + (slow + fast) * one
+            if least < edge < until:
+                found.append(edge)
+        settled, step = edge, 1
+        while opens[span] and settled + step * STEADY_STEP_S < min(over, until):
+            if settled + step * STEADY_STEP_S > least:
+                found.append(settled + step * STEADY_STEP_S)
+            step += 1
+    return np.array(found)
+
+
+@njit(cache=True, nogil=True)
+def _wandered(time: float, opened: float, over: float, wander: np.ndarray) -> float:
+    """How far an open line is above where it should be [-]."""
+    place = (time - opened) / (max(over - opened, 1e-3) / wander.size)
+    if place <= 0.0:
+        return 0.0
+    if place >= wander.size:
+        return float(wander[-1])
+    k = int(place)
+    before = wander[k - 1] if k else 0.0
+    return float(before + (place - k) * (wander[k] - before))
 
 
 @njit(cache=True, nogil=True)
@@ -202,23 +247,19 @@ def _filled(begun: float, slow: float, fast: float, lead: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _fill(begun: np.ndarray, slow: float, fast: float, lead: float, out: np.ndarray) -> None:
-    for i in range(begun.size):
-        out[i] = _filled(begun[i], slow, fast, lead)
+def _taken(begun: float, turning: np.ndarray, moved: float, slow: float, fast: float, lead: float) -> float:
+    """What the motor takes of the air of a line [-], of which an even part is from each of some times on [s].
+
+    `moved`: when the line begins to move [s].
+    """
+    gone = 0.0
+    for one in turning:
+        gone += _filled(begun - max(one - moved, 0.0), slow, fast, lead)
+    return gone / turning.size
 
 
 @njit(cache=True, nogil=True)
-def _spare(begun: np.ndarray, taken: np.ndarray, slow: float, fast: float, lead: float, out: np.ndarray) -> None:
-    """What a line has of air that is not taken, of which an even part is from each of some times on [-]."""
-    for i in range(begun.size):
-        gone = 0.0
-        for k in range(taken.size):
-            gone += _filled(begun[i] - taken[k], slow, fast, lead)
-        out[i] = _filled(begun[i], slow, fast, lead) - gone / taken.size
-
-
-@njit(cache=True, nogil=True)
-def _empty(begun: np.ndarray, slow: float, fast: float, bend: float, out: np.ndarray) -> None:
+def _emptied(begun: float, slow: float, fast: float, bend: float) -> float:
     """How far a line has emptied through a valve which opens evenly [-], by dx/dt = -open x^(1 - bend) / time.
 
     A bend of 0.5 is a flow that goes with the root of the overpressure, as through an orifice; one of 0 goes with it,
@@ -227,15 +268,14 @@ def _empty(begun: np.ndarray, slow: float, fast: float, bend: float, out: np.nda
     opens = 2.0 * fast
     if abs(bend) <= STRAIGHT:
         bend = STRAIGHT
-    for i in range(begun.size):
-        passed = begun[i] - 0.5 * opens if begun[i] >= opens else begun[i] * begun[i] / (2.0 * opens)
-        out[i] = 1.0 - np.exp(np.log1p(max(-bend * (passed / slow), EMPTY - 1.0)) / bend)
+    passed = begun - 0.5 * opens if begun >= opens else begun * begun / (2.0 * opens)
+    return 1.0 - np.exp(np.log1p(max(-bend * (passed / slow), EMPTY - 1.0)) / bend)
 
 
 @njit(cache=True, nogil=True)
-def _add_forms(begun: np.ndarray, forms: np.ndarray, out: np.ndarray) -> None:
-    """Add the free deviations: hats over the logarithm of the time in sums of the time constants [-]."""
-    for i in range(begun.size):
-        place = np.log(max(begun[i], 1e-6))
-        for k in range(forms.size):
-            out[i] += forms[k] * max(0.0, 1.0 - abs(place - MIDDLES[k]) / LOG_WIDTH)
+def _deviation(begun: float, forms: np.ndarray) -> float:
+    """The free deviations: hats over the logarithm of the time in sums of the time constants [-]."""
+    place, found = np.log(max(begun, 1e-6)), 0.0
+    for k in range(forms.size):
+        found += forms[k] * max(0.0, 1.0 - abs(place - MIDDLES[k]) / LOG_WIDTH)
+    return found
