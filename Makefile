@@ -148,9 +148,9 @@ sbc: $(STAMP)
 sbc-strata: $(STAMP)
 	$(ONE_THREAD) $(BIN)/python -m calibration.studies.strata -o $(OUT)/sbc_strata --page docs/figures
 
-# PAGE=docs/follow_ups also writes the page there.
+# PAGE=docs/follow_ups also writes the page there, ALSO=docs/follow_ups/cases.json counts the cases that are kept there.
 follow-ups: $(STAMP)
-	$(ONE_THREAD) $(BIN)/python -m calibration.studies.follow_ups -o $(OUT)/follow_ups $(if $(PAGE),--page $(PAGE))
+	$(ONE_THREAD) $(BIN)/python -m calibration.studies.follow_ups -o $(OUT)/follow_ups $(if $(PAGE),--page $(PAGE)) $(if $(ALSO),--also $(ALSO))
 
 # PAGE=docs/allowances also writes the page there.
 allowances: $(STAMP)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib.util
+import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ from calibration.work import many_table
 from calibration.work.many import Item, Result, Tell, run_many
 from calibration.work.sources import imported_sha256
 from rig.progress import Bar, Count, Elapsed, Left, bar_of
-from rig.recording.files import write_files
+from rig.recording.files import json_bytes, write_files
 
 RESULTS = "results"  # the folder with a result an item
 
@@ -53,6 +54,7 @@ class Study:
     `documents`: of the summary and the rows, by file name.
     `told`: the summary as text.
     `columns`: of a table of the rows; no table without them.
+    `kept`: the file among the documents that holds the rows, each with its ``code``, so that ``--also`` takes them in.
     `needs`: a package of the development extra.
     """
 
@@ -69,6 +71,7 @@ class Study:
     row: Callable[[Item, Result], dict[str, Any]] = plain_row
     columns: Mapping[str, str] = field(default_factory=dict)
     needs: str = ""
+    kept: str = ""
 
     def code(self) -> str:
         """The hash of what a result hangs on."""
@@ -117,11 +120,27 @@ def run(
             "so they say nothing of either; leave it alone and give the same command again"
         )
     rows = [study.row(item, result) for item, result in zip(items, results, strict=True)]
+    if study.kept:
+        rows = _with_earlier([one | {"code": study.code()} for one in rows], given.also)
     found = study.summary(rows, given.first_seed, study.code())
     documents = study.documents(found, rows)
+    documents |= {study.kept: json_bytes(rows)} if study.kept else {}
     table = {f"{study.name}.parquet": many_table.as_parquet(rows, study.columns)} if study.columns else {}
     write_files(given.out, documents | table)
     return found, documents
+
+
+def _with_earlier(rows: list[dict[str, Any]], files: Sequence[Path]) -> list[dict[str, Any]]:
+    """The rows, behind those of earlier campaigns that are not among them. Raises StudyError for a file without."""
+    names, found = {one["name"] for one in rows}, []
+    for file in files:
+        try:
+            earlier = json.loads(file.read_bytes())
+            found += [one for one in earlier if one["name"] not in names and one["code"]]
+        except (ValueError, TypeError, KeyError) as problem:
+            raise StudyError(f"{file}: no rows of an earlier campaign; give the file that one has kept") from problem
+        names |= {one["name"] for one in found}
+    return [*found, *rows]
 
 
 def with_same_code(
@@ -152,6 +171,9 @@ def _parser(study: Study) -> argparse.ArgumentParser:
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler instead")
     parser.add_argument("--page", type=Path, help="a folder of the docs, which gets what the campaign says")
+    if study.kept:
+        about = f"{study.kept} of earlier campaigns, perhaps of other code, whose rows count too"
+        parser.add_argument("--also", type=Path, nargs="+", default=[], metavar="FILE", help=about)
     for name, how in study.options.items():
         parser.add_argument(name, **how)
     return parser

@@ -6,6 +6,7 @@ or dry friction alone, in a sweep with a spin-up and a coast-down.
 
     python -m calibration.studies.follow_ups -o out/follow_ups     # resumable: a case that is there is not made again
     python -m calibration.studies.follow_ups -o out/dry --dry-friction --days 0
+    python -m calibration.studies.follow_ups -o out/more --first-seed 350000 --also out/follow_ups/cases.json
 """
 
 from __future__ import annotations
@@ -140,6 +141,7 @@ def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
     apart = [one for one in open_ if one["ids"] and _told_apart(one)]
     return {
         "code": code,
+        "codes": dict(Counter(one["code"] for one in done)),
         "cases": len(done),
         "failed": [f"{one['name']}: {one['error']}" for one in rows if one["error"]],
         "open": len(open_),
@@ -202,6 +204,8 @@ def page(found: Row) -> str:
         f"- Wrong names and false alarms: {found['wrong_before']} of {found['cases']} before, "
         f"{found['wrong_after']} of {found['open']} after.",
         f"- Failed: {len(found['failed'])}. {'; '.join(found['failed'])}".rstrip(),
+        f"- States of the code that made the cases: {len(found['codes'])}, with "
+        + f"{' and '.join(map(str, found['codes'].values()))} of them.",
         "",
         "![promised against delivered](follow_ups.png)",
         "",
@@ -259,6 +263,7 @@ STUDY = Study(
     summary=summary,
     documents=documents,
     told=page,
+    kept="cases.json",
 )
 
 if __name__ == "__main__":

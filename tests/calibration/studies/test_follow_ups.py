@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 import pytest
 
 from calibration.challenge.second_rig import another_day, draw, make_recording
 from calibration.diagnosis.next_test.promised import captures_of
-from calibration.studies.follow_ups import dry_friction_alone, page, picture, summary
+from calibration.studies.campaigns import main
+from calibration.studies.follow_ups import STUDY, dry_friction_alone, page, picture, summary
 from rig.recording import read_recording
 
 CAPTURES = [
@@ -44,7 +50,7 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
         {"ids": [], "D": 0.0, "steps": [step("right", False)]},
         {"ids": ["flow_scale"], "D": None, "steps": [step("right", True)]},
     ]
-    rows = [one | {"name": f"case-{i}", "error": ""} for i, one in enumerate(cases)]
+    rows = [one | {"name": f"case-{i}", "error": "", "code": "ab"[i > 1]} for i, one in enumerate(cases)]
     found = summary([*rows, {"name": "case-9", "error": "ValueError: no"}], 1, "code")
     assert (found["cases"], found["open"], found["ratios"]) == (5, 3, 2)
     assert found["ratio_median"] == pytest.approx(0.75)
@@ -53,8 +59,33 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
     words = page(found)
     assert "median 0.75" in words and "| windage | 9.0 | truth listed, then right | a test |" in words
     assert "| below 3 | 1 missed |" in words and "| 7 and more | 2 truth listed |" in words
+    assert "States of the code that made the cases: 2, with 2 and 3 of them." in words
     assert "case-9: ValueError: no" in words and "| flow_scale |  | right |  |" in words
     assert picture(found).startswith(b"\x89PNG")
+
+
+def made(argument: Mapping[str, Any]) -> dict[str, Any]:
+    return {"ids": [], "D": None, "steps": [step("right", False)], "seed": argument["seed"]}
+
+
+def test_cases_of_an_earlier_campaign_count_once(tmp_path, capsys):
+    study = replace(STUDY, task=made, roots=("calibration.studies.campaigns",))
+
+    def campaign(out: str, first_seed: int, *more: str) -> int:
+        return main(
+            study, ["-o", str(tmp_path / out), *f"--cases 2 --first-seed {first_seed} --workers 0".split(), *more]
+        )
+
+    assert campaign("first", 1) == 0
+    kept = tmp_path / "first" / "cases.json"
+    assert campaign("second", 2, "--also", str(kept), str(kept)) == 0
+    rows = json.loads((tmp_path / "second" / "cases.json").read_bytes())
+    assert [one["seed"] for one in rows] == [1, 2, 3] and {one["code"] for one in rows} == {study.code()}
+    kept.write_text('{"cases": 2}')
+    capsys.readouterr()
+    assert campaign("third", 4, "--also", str(kept)) == 2
+    assert "cases.json: no rows of an earlier campaign" in capsys.readouterr().err
+    assert not (tmp_path / "third" / "cases.json").exists()
 
 
 def test_dry_friction_alone_takes_the_place_of_all_that_is_concealed():
