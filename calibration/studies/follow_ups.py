@@ -204,8 +204,7 @@ def page(found: Row) -> str:
         f"- Wrong names and false alarms: {found['wrong_before']} of {found['cases']} before, "
         f"{found['wrong_after']} of {found['open']} after.",
         f"- Failed: {len(found['failed'])}. {'; '.join(found['failed'])}".rstrip(),
-        f"- States of the code that made the cases: {len(found['codes'])}, with "
-        + f"{' and '.join(map(str, found['codes'].values()))} of them.",
+        f"- States of the code: {len(found['codes'])}, with {' and '.join(map(str, found['codes'].values()))} cases.",
         "",
         "![promised against delivered](follow_ups.png)",
         "",

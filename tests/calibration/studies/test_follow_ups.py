@@ -59,7 +59,7 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
     words = page(found)
     assert "median 0.75" in words and "| windage | 9.0 | truth listed, then right | a test |" in words
     assert "| below 3 | 1 missed |" in words and "| 7 and more | 2 truth listed |" in words
-    assert "States of the code that made the cases: 2, with 2 and 3 of them." in words
+    assert "States of the code: 2, with 2 and 3 cases." in words
     assert "case-9: ValueError: no" in words and "| flow_scale |  | right |  |" in words
     assert picture(found).startswith(b"\x89PNG")
 

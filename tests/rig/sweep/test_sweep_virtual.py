@@ -115,7 +115,8 @@ def test_a_bench_that_stands_still_for_seconds_on_a_busy_machine_loses_no_sweep(
     """
     text = (FOLDER / "virtual.toml").read_text()
     text = re.sub(r"levels_bar_abs = .*", "levels_bar_abs = [1.5]\nzero_s = 2.0", text)
-    text = text.replace('order = "up-down"', 'order = "up"').replace("dwell_s = 5.0", "dwell_s = 120.0\nsettle_timeout_s = 180.0")
+    text = text.replace('order = "up-down"', 'order = "up"')
+    text = text.replace("dwell_s = 5.0", "dwell_s = 120.0\nsettle_timeout_s = 180.0")
     path = tmp_path / "virtual.toml"
     path.write_text(re.sub(r"captures = .*", "captures = []", text))
     paused = threading.Event()

@@ -158,7 +158,6 @@ class Course:
         return ways, forms, bends, wander
 
 
-LATE, SLOW, FAST = range(3)  # of each way, venting first: when it begins [s], and its time constants [s]
 LEAD, SPARE, EMPTIES = range(3)  # share that passes ahead, droop and bend [-]
 
 
@@ -177,8 +176,10 @@ def _shares(
     """`Course.share`.
 
     `starts`, `opens`, shape (k,): when each span of the valve begins [s], and whether it is open.
-    `ways`, shape (2, 3), `forms`, shape (2, 4): of a line that empties, then of one that fills.
+    `ways`, shape (2, 3): of a line that empties, then of one that fills, how late it is and its time constants [s].
+    `forms`, shape (2, 4): their free deviations [-].
     `bends`, shape (3,): LEAD, SPARE, EMPTIES [-].
+    `wander`, shape (8,): how far an open line is above where it should be, at even times [-].
     """
     out = np.empty(time.size)
     for i in range(time.size):
