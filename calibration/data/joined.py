@@ -53,9 +53,10 @@ def together(recordings: Sequence[Recording]) -> Recording:
     return replace(
         first,
         files=tuple(files),
-        sha256="",
+        sha256=" and ".join(one.sha256 for one in recordings) if all(one.sha256 for one in recordings) else "",
         origin=_origins(recordings),
         joined=tuple(folders),
+        without=tuple(dict.fromkeys(asked for one in recordings for asked in one.without)),
         warnings=tuple(warnings),
     )
 

@@ -38,7 +38,8 @@ def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Re
             raise RecordingError(f"--without {asked}: nothing of {kept.folder} is left")
         digest = hashlib.sha256(f"{kept.sha256} without {asked}".encode()).hexdigest() if kept.sha256 else ""
         said = f"{asked}: left out, as asked"
-        found[k] = replace(kept, files=files, sha256=digest, warnings=(*kept.warnings, said))
+        told = replace(kept, without=(*kept.without, asked), warnings=(*kept.warnings, said))
+        found[k] = replace(told, files=files, sha256=digest)
     return found
 
 

@@ -134,7 +134,8 @@ def _explain(
         return _of_something_else(first, off, clock)
     search = Search(comparison, first.base, side_by_side, clock.tell)
     residuals = Residuals(comparison, rng, side_by_side)
-    searched = _search(first, search, residuals, clock, {names for one in promises for names in one.rivals})
+    asked = list(dict.fromkeys(names for one in promises for names in one.rivals))
+    searched = _search(first, search, residuals, clock, asked)
     base, candidates = searched.base, searched.candidates
     said, held_out, unseen_run = _said(searched, comparison, residuals, hold_out, clock)
     clock("locate")

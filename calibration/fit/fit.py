@@ -15,7 +15,7 @@ import numpy as np
 from calibration.data import measurement
 from calibration.data.measurement import Measurement
 from calibration.data.refusals import refuse_another_kind, refuse_unusable
-from calibration.fit import posterior, proposed, sampling
+from calibration.fit import posterior, proposed, sampling, store
 from calibration.fit.posterior import FitQuality, Posterior, SuspectRow
 from calibration.fit.sampling import Progress, Settings
 from calibration.systems.radial_piston.batch import effects as with_effects
@@ -173,7 +173,14 @@ def fingerprint(
 ) -> str:
     """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target."""
     figures = {name: dataclasses.astuple(channel)[1:5] for name, channel in recording.channels.items()}
-    parts = [recording.sha256, motor.model_dump(), figures, measured.channels, settings.seed, settings.walkers]
+    parts = [
+        store.of_readings(recording),
+        motor.model_dump(),
+        figures,
+        measured.channels,
+        settings.seed,
+        settings.walkers,
+    ]
     if effects:
         parts.append(list(effects))
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import zipfile
 from pathlib import Path
 
 import numpy as np
 
+from rig.recording import Recording
 from rig.recording.files import write_file
 
 MARK = "fingerprint"  # a file beside the chain: whose it is
+
+
+def of_readings(recording: Recording) -> str:
+    """What a recording holds, as a text: its hash, or that of its readings where it was never read from a folder."""
+    if recording.sha256:
+        return recording.sha256
+    digest = hashlib.sha256()
+    for file in recording.files:
+        said = (file.file, file.kind, file.start_s, file.noise_scale, file.added_inertia_kg_m2, *file.columns)
+        digest.update(repr(said).encode())
+        for column in file.columns.values():
+            digest.update(column.values.tobytes() + column.censor.tobytes())
+    return digest.hexdigest()
 
 
 class ChainError(ValueError):

@@ -210,8 +210,10 @@ def _refuse_far_out(target: Integrated, are_several: bool) -> None:
 
 def _fingerprint(recordings: Sequence[Recording], target: Integrated, settings: Settings) -> str:
     """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target."""
+    compared = target.comparison.parts if isinstance(target.comparison, Several) else [target.comparison]
     parts = [
-        [one.sha256 for one in recordings],
+        [store.of_readings(one) for one in recordings],
+        [one.problem.motor.model_dump() for one in compared],
         [(one.name, one.unit, one.kind, one.a, one.b) for one in target.unknowns],
         list(target.mode.names),
         target.comparison.read.size,

@@ -137,8 +137,10 @@ class RecordingFile:
 class Recording:
     """A recording: its files, the instruments that took them and the motor they belong to.
 
-    `sha256`: over recording.toml and the data files, in their order; empty for a recording that was never read.
+    `sha256`: over recording.toml and the data files, in their order; of several as one that of each; empty where nothing
+        was read.
     `joined`: the folders, where it is several recordings as one.
+    `without`: what was left out of it, as it was asked for.
     `supply`: what is stated of the line between regulator and motor.
     `origin`: who took it, when and on what: date, operator, motor_serial, oil, note, parent, as far as stated.
     """
@@ -154,6 +156,7 @@ class Recording:
     supply: SupplyFigures = SupplyFigures()
     origin: Mapping[str, str] = field(default_factory=dict)
     joined: tuple[Path, ...] = ()
+    without: tuple[str, ...] = ()
 
     @property
     def folders(self) -> tuple[Path, ...]:

@@ -11,7 +11,9 @@ import pytest
 import tests.diagnosis_recordings as recordings
 from calibration.data.dates import day_of
 from calibration.data.joined import GAP_S, NO_MOMENT, as_given, names_of
+from calibration.data.left_out import without
 from calibration.fit.sampling import Settings
+from calibration.fit.store import of_readings
 from calibration.report.fit import page
 from calibration.systems.look_up import compared
 from model.motor import read_motor
@@ -57,6 +59,16 @@ def test_two_motors_of_one_name_are_refused_with_what_differs(made) -> None:
     table["parameters"]["piston_length"]["value"] = 30.0
     with pytest.raises(RecordingError, match=r"parameters\.piston_length\.value is 30\.0, not 35\.07"):
         as_given([first, replace(same, motor=table)])
+
+
+def test_a_chain_of_joined_recordings_is_that_of_these_readings_alone(made) -> None:
+    a, b = made("a"), made("b", 4)
+    never_read = [replace(one, sha256="") for one in (a, b)]
+    for two in ([a, b], never_read):
+        mark = of_readings(as_given(two)[0])
+        assert of_readings(as_given(list(two))[0]) == mark
+        others = [[two[0], replace(made("c", 5), sha256=two[1].sha256 and "other")], without(two, ["b/sweep.csv:3"])]
+        assert all(of_readings(as_given(other)[0]) != mark for other in others)
 
 
 def test_lines_of_two_volumes_are_not_one(made) -> None:

@@ -76,7 +76,8 @@ def asked_for(
     `rivals`: the sets that they were to tell apart.
     """
     held = [capture for one in taken for capture in captures_of(one)]
-    found = [(words, nats) for words, nats, wanted in tests if any(_is_like(wanted, one) for one in held)]
+    counted = [(words, nats, sum(_is_like(wanted, one) for one in held)) for words, nats, wanted in tests]
+    found = [(words if n == 1 else f"{words}, {n} times; promised of one", nats) for words, nats, n in counted if n]
     if not found:
         return None
     return Promise(BESIDE.join(words for words, _ in found), max(nats for _, nats in found), rivals)
@@ -99,11 +100,17 @@ def in_words(capture: Capture) -> str:
 def why_not(wanted: Sequence[Capture], taken: Recording) -> str:
     """Why a recording is none of the tests that were asked for, in a sentence."""
     held = [in_words(one) for one in captures_of(taken)]
-    unread = [file.file for file in taken.files if file.kind != "zero" and not _levels(file, 0.0).size]
-    has = " and ".join(held) or "no test by itself"
-    without = f"; {', '.join(unread)} has no reading of the pressure" if unread else ""
+    lacking = [f"{file.file} has no {what}" for file in taken.files if (what := _lacks(file))]
+    has = "; ".join([" and ".join(held) or "no test by itself", *lacking])
     asked = ", or ".join(in_words(one) for one in wanted) or "nothing that a bench takes by itself"
-    return f"{taken.folder} holds {has}{without}. Asked for: {asked}"
+    return f"{taken.folder} holds {has}. Asked for: {asked}"
+
+
+def _lacks(file: RecordingFile) -> str:
+    """What a file lacks to be a test that is told; empty of one that lacks nothing."""
+    if file.kind == "transient" and "supply_open" not in file.columns:
+        return "column supply_open"
+    return "reading of the pressure" if file.kind != "zero" and not _levels(file, 0.0).size else ""
 
 
 def captures_of(recording: Recording) -> list[Capture]:

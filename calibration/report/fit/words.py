@@ -163,8 +163,9 @@ def not_to_be_relied_on(posterior: Posterior) -> str:
 
 def next_command(found: AnyFit) -> str:
     """The command that looks for what the model lacks."""
-    folders = dict.fromkeys(folder for one in found.recordings for folder in one.folders)
-    return f"spinbench diagnose {' '.join(shlex.quote(str(folder)) for folder in folders)}"
+    folders = dict.fromkeys(str(folder) for one in found.recordings for folder in one.folders)
+    left_out = dict.fromkeys(asked for one in found.recordings for asked in one.without)
+    return shlex.join(["spinbench", "diagnose", *folders, *(f"--without={asked}" for asked in left_out)])
 
 
 def p_in_words(p: float) -> str:

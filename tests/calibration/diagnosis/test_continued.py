@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tests.diagnosis_recordings as recordings
-from calibration.diagnosis.next_test.promised import Kept, Promise, Rival, captures_of, kept, why_not
+from calibration.diagnosis.next_test.promised import Kept, Promise, Rival, asked_for, captures_of, kept, why_not
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.expected import Capture
 from rig.recording import read_recording, write_recording
@@ -198,6 +198,16 @@ def test_a_run_that_was_not_asked_for_is_told_with_what_it_holds_and_what_was_as
     silent = replace(silent, values=np.full_like(silent.values, np.nan))
     unread = replace(flywheel, files=(replace(run, columns={**run.columns, "pressure_bar_abs": silent}),))
     assert f"holds no test by itself; {run.file} has no reading of the pressure. Asked for: " in why_not(wanted, unread)
+    columns = {name: one for name, one in run.columns.items() if name != "supply_open"}
+    untold = replace(flywheel, files=(replace(run, columns=columns),))
+    assert f"holds no test by itself; {run.file} has no column supply_open. Asked for: " in why_not(wanted, untold)
+
+
+def test_a_test_that_was_taken_more_than_once_was_promised_of_one(asked):
+    flywheel = read_recording(asked / "flywheel")
+    wanted = [("coast-down with a flywheel", 4.0, Capture("coast-down", 1.7, 0.015)), ("zero", 1.0, Capture("zero"))]
+    for taken, said in (([flywheel], ""), ([flywheel] * 3, ", 3 times; promised of one")):
+        assert asked_for(wanted, {}, taken) == Promise(f"coast-down with a flywheel{said}", 4.0, {})
 
 
 def test_a_gauge_pressure_is_above_the_room_of_the_motor_where_none_is_told(asked):

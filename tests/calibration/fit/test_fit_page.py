@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from calibration.data.left_out import without
 from calibration.fit.document import as_json
 from calibration.fit.fit import Fit, fit
 from calibration.fit.posterior import FitQuality
@@ -116,6 +117,10 @@ def test_the_next_command_can_be_typed_as_it_stands(found):
     folder = dataclasses.replace(found.recording, folder=Path("my runs/a;b"))
     words = fit_words.next_command(dataclasses.replace(found, recording=folder))
     assert shlex.split(words) == ["spinbench", "diagnose", "my runs/a;b"]
+    (less,) = without([folder], [f"{folder.files[0].file}:1", f"{folder.files[0].file}:2"])
+    words = fit_words.next_command(dataclasses.replace(found, recording=less))
+    asked = [f"--without={folder.files[0].file}:{row}" for row in (1, 2)]
+    assert shlex.split(words) == ["spinbench", "diagnose", "my runs/a;b", *asked]
 
 
 def test_the_report_is_a_page_and_a_picture(files):

@@ -64,6 +64,24 @@ def found(fitted, bench) -> dict:
 
 @pytest.mark.long
 @pytest.mark.slow
+def test_the_chain_of_another_motor_is_not_gone_on_with(found, bench, spinbench_here):
+    done = spinbench_here("fit", "one", "two", "-o", "out", "--set", "piston_length=30", *BRIEF, cwd=bench)
+    assert (done.returncode, "holds the chain of another recording, motor" in done.stderr) == (2, True)
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_joined_recordings_go_on_with_the_chain_of_their_own_readings_alone(tmp_path, spinbench_here):
+    for seed, name in enumerate(("one", "two"), 3):
+        sweep(tmp_path / name, seed, {})
+    few = ("fit", "one", "two", "-o", "out", "--effective-samples", "200")
+    assert spinbench_here(*few, cwd=tmp_path).returncode == 0
+    done = spinbench_here(*few, "--without", "two/sweep.csv:3", cwd=tmp_path)
+    assert (done.returncode, "holds the chain of another recording, motor" in done.stderr) == (2, True)
+
+
+@pytest.mark.long
+@pytest.mark.slow
 def test_f_overall_holds_the_truth_and_the_run_narrows_it(found, bench, spinbench_here):
     true = read_motor("ptm3600")["f_overall"].value
     one = found["parameters"]["f_overall"]
