@@ -137,8 +137,8 @@ class RecordingFile:
 class Recording:
     """A recording: its files, the instruments that took them and the motor they belong to.
 
-    `sha256`: over recording.toml and the data files, in their order; of several as one that of each; empty where nothing
-        was read.
+    `sha256`: over recording.toml and the data files, in their order; of several as one that of each; empty where
+        nothing was read.
     `joined`: the folders, where it is several recordings as one.
     `without`: what was left out of it, as it was asked for.
     `supply`: what is stated of the line between regulator and motor.
