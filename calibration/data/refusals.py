@@ -164,10 +164,9 @@ def _refuse_wrong_supply(recording: Recording) -> None:
             continue  # what did not break away has nothing to compare
         known = np.isfinite(read.values) & ~lone_zeros(read.values)
         t, speed = time.values[known], read.values[known]
-        flags = file.columns.get("supply_open")
-        opened = np.ones(t.size, dtype=bool) if flags is None else flags.values[known] > 0.5
+        opened = np.ones(t.size, dtype=bool) if file.is_open is None else file.is_open[known]
         place = f"{recording.folder}/{file.file}"
-        _hold_against_supply(place, t, speed, opened, flags is not None)
+        _hold_against_supply(place, t, speed, opened, file.is_open is not None)
         if not recording.added_inertia_kg_m2 + file.added_inertia_kg_m2:
             _refuse_slow_stop(place, t, speed, opened)
 
