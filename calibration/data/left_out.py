@@ -38,7 +38,8 @@ def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Re
             raise RecordingError(f"--without {asked}: nothing of {kept.folder} is left")
         digest = hashlib.sha256(f"{kept.sha256} without {asked}".encode()).hexdigest() if kept.sha256 else ""
         said = f"{asked}: left out, as asked"
-        found[k] = replace(kept, files=files, sha256=digest, warnings=(*kept.warnings, said))
+        channels = {name: one for name, one in kept.channels.items() if any(name in file.columns for file in files)}
+        found[k] = replace(kept, channels=channels, files=files, sha256=digest, warnings=(*kept.warnings, said))
     return found
 
 

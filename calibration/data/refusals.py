@@ -80,6 +80,7 @@ def refuse_unusable(recording: Recording) -> None:
     """
     if not recording.is_of_radial_piston:
         return
+    _refuse_two_gauges(recording)
     motor = at_ambient(read_motor(recording.motor), recording)
     room_bar = motor.si("ambient_pressure") / BAR
     rows = gather(recording, needs_plateaus=False).steady
@@ -89,6 +90,23 @@ def refuse_unusable(recording: Recording) -> None:
     _refuse_mistaken_gauge(recording, rows, motor, room_bar)
     _refuse_mixed_units(recording, rows, motor)
     _refuse_wrong_supply(recording)
+
+
+def _refuse_two_gauges(recording: Recording) -> None:
+    """Refuse gauge pressures beside absolute ones: a recording's errors of the pressure are those of one instrument.
+
+    Only a zero in gauge pressure may be beside absolute ones.
+    """
+    absolute, above_room = PRESSURE
+    shows = [file.file for file in recording.files if file.kind != "zero" and above_room in file.columns]
+    if absolute not in recording.channels or not shows:
+        return
+    other = next((file.file for file in recording.files if absolute in file.columns), "another file")
+    raise RecordingError(
+        f"{recording.folder}: {shows[0]} has {above_room}, and {other} has {absolute}: they are taken for two "
+        "instruments, and a recording has one of the pressure; if it is one, write all as it shows them; if they are "
+        "two, make a recording of each one's files, and name both (A B)"
+    )
 
 
 def _refuse_mistaken_gauge(recording: Recording, rows: Rows, motor: Motor, room_bar: float) -> None:
