@@ -122,14 +122,14 @@ def _vented(recording: Recording) -> Vented:
             continue
         rest = np.ones(file.rows, dtype=bool)
         if file.kind == "transient":
-            if "supply_open" not in file.columns or "time_s" not in file.columns:
+            if file.is_open is None or "time_s" not in file.columns:
                 continue
-            rest = _settled(file.columns["time_s"].values, file.columns["supply_open"].values > 0.5)
+            rest = _settled(file.columns["time_s"].values, file.is_open)
             if (
                 "speed_rpm" in file.columns
             ):  # a line that a turning motor breathes from is not at the ambient's pressure
                 turning = np.flatnonzero(file.columns["speed_rpm"].values > 0.0)
-                after = np.flatnonzero(file.columns["supply_open"].values > 0.5)[:1]
+                after = np.flatnonzero(file.is_open)[:1]
                 if turning.size and after.size and after[0] < turning[-1]:
                     rest[after[0] : turning[-1] + 1] = False
         figures = recording.channels[name]
@@ -141,7 +141,7 @@ def _vented(recording: Recording) -> Vented:
         if read.size:
             noise = float(np.hypot(figures.noise_sd * file.noise_scale, figures.resolution / np.sqrt(12.0)))
             found.append((file.file, float(np.mean(read)), noise * BAR / np.sqrt(read.size), gauge))
-            is_end.append(file.kind == "transient" and file.columns["supply_open"].values[0] > 0.5)
+            is_end.append(file.kind == "transient" and file.is_open is not None and bool(file.is_open[0]))
     before = [one for one, end in zip(found, is_end, strict=True) if not end]
     found = [one for one, end in zip(found, is_end, strict=True) if not (end and _is_shut(recording, one, before))]
     columns = list(zip(*found, strict=True)) or [(), (), (), ()]

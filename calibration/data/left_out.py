@@ -38,8 +38,9 @@ def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Re
             raise RecordingError(f"--without {asked}: nothing of {kept.folder} is left")
         digest = hashlib.sha256(f"{kept.sha256} without {asked}".encode()).hexdigest() if kept.sha256 else ""
         said = f"{asked}: left out, as asked"
+        channels = {name: one for name, one in kept.channels.items() if any(name in file.columns for file in files)}
         told = replace(kept, without=(*kept.without, asked), warnings=(*kept.warnings, said))
-        found[k] = replace(told, files=files, sha256=digest)
+        found[k] = replace(told, channels=channels, files=files, sha256=digest)
     return found
 
 

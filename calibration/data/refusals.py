@@ -80,6 +80,7 @@ def refuse_unusable(recording: Recording) -> None:
     """
     if not recording.is_of_radial_piston:
         return
+    _refuse_two_gauges(recording)
     motor = at_ambient(read_motor(recording.motor), recording)
     room_bar = motor.si("ambient_pressure") / BAR
     rows = gather(recording, needs_plateaus=False).steady
@@ -89,6 +90,23 @@ def refuse_unusable(recording: Recording) -> None:
     _refuse_mistaken_gauge(recording, rows, motor, room_bar)
     _refuse_mixed_units(recording, rows, motor)
     _refuse_wrong_supply(recording)
+
+
+def _refuse_two_gauges(recording: Recording) -> None:
+    """Refuse gauge pressures beside absolute ones: a recording's errors of the pressure are those of one instrument.
+
+    Only a zero in gauge pressure may be beside absolute ones.
+    """
+    absolute, above_room = PRESSURE
+    shows = [file.file for file in recording.files if file.kind != "zero" and above_room in file.columns]
+    if absolute not in recording.channels or not shows:
+        return
+    other = next((file.file for file in recording.files if absolute in file.columns), "another file")
+    raise RecordingError(
+        f"{recording.folder}: {shows[0]} has {above_room}, and {other} has {absolute}: they are taken for two "
+        "instruments, and a recording has one of the pressure; if it is one, write all as it shows them; if they are "
+        "two, make a recording of each one's files, and name both (A B)"
+    )
 
 
 def _refuse_mistaken_gauge(recording: Recording, rows: Rows, motor: Motor, room_bar: float) -> None:
@@ -164,10 +182,9 @@ def _refuse_wrong_supply(recording: Recording) -> None:
             continue  # what did not break away has nothing to compare
         known = np.isfinite(read.values) & ~lone_zeros(read.values)
         t, speed = time.values[known], read.values[known]
-        flags = file.columns.get("supply_open")
-        opened = np.ones(t.size, dtype=bool) if flags is None else flags.values[known] > 0.5
+        opened = np.ones(t.size, dtype=bool) if file.is_open is None else file.is_open[known]
         place = f"{recording.folder}/{file.file}"
-        _hold_against_supply(place, t, speed, opened, flags is not None)
+        _hold_against_supply(place, t, speed, opened, file.is_open is not None)
         if not recording.added_inertia_kg_m2 + file.added_inertia_kg_m2:
             _refuse_slow_stop(place, t, speed, opened)
 

@@ -137,7 +137,7 @@ def run_of(file: RecordingFile, recording: Recording, pulse_rad: float) -> RunIn
     sampled = np.isfinite(shown) & ~lone_zeros(shown)
     sampled &= ~repeated(turning, tachometer.noise_sd * file.noise_scale, tachometer.resolution)
     speed, time = shown[sampled] / RPM, clock[sampled]
-    opened = file.columns["supply_open"].values > 0.5 if "supply_open" in file.columns else np.ones(clock.size, bool)
+    opened = np.ones(clock.size, bool) if file.is_open is None else file.is_open
     pressure, noise = _gauge(file, recording.channels[name])
     from_rest = bool(speed.size == 0 or np.mean(speed[:5]) < REST_RAD_S or not opened[0])
     valve, unseen_s, settled_sd = _valve(clock, pressure, opened)

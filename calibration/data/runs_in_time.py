@@ -52,8 +52,8 @@ def turns(recording: Recording, file: RecordingFile) -> bool:
         return bool(np.any(above))
     if not np.any(above[1:] & above[:-1]):
         return False
-    clock, opened = file.columns.get("time_s"), file.columns.get("supply_open")
-    is_shut = opened is not None and opened.values[-1] < 0.5
+    clock = file.columns.get("time_s")
+    is_shut = file.is_open is not None and not file.is_open[-1]
     is_at_rest = not np.any(above[:AT_END]) and not np.any(above[-AT_END:])
     if clock is None or is_shut or not is_at_rest or not recording.is_of_radial_piston:
         return True
@@ -193,21 +193,20 @@ class CoastDown:
     left: dict[str, np.ndarray]
 
 
-def coast_down(time: np.ndarray, speed: np.ndarray, supply_open: np.ndarray | None = None) -> CoastDown:
+def coast_down(time: np.ndarray, speed: np.ndarray, is_open: np.ndarray | None = None) -> CoastDown:
     """The rows of a file from its release until the rotor stands.
 
     `time`, shape (n,): increasing [s].
     `speed`, shape (n,): readings in any unit; nan where there is none.
-    `supply_open`, shape (n,): 1 while the rotor is driven. The release is where it goes to 0 for the last time, and is
+    `is_open`, shape (n,) of bool: whether the rotor is driven. The release is where that ends for the last time, and is
         looked for in the speeds where it never does.
     """
     n = speed.size
     lone, known = lone_zeros(speed), np.isfinite(speed)
     turning = np.flatnonzero(known & (speed > 0.0))
     closes = np.zeros(0, dtype=int)
-    if supply_open is not None:
-        opened = supply_open > 0.5
-        closes = np.flatnonzero(opened[:-1] & ~opened[1:]) + 1
+    if is_open is not None:
+        closes = np.flatnonzero(is_open[:-1] & ~is_open[1:]) + 1
     if closes.size:
         begin = int(closes[-1])
     else:

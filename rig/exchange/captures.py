@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 
 import numpy as np
 
+from configs import parse_toml
 from rig.exchange.figures import Figures
 from rig.readings import NS
 from rig.recording import DOWN_TO, UP_TO, Column, RecordingFile
@@ -58,8 +58,11 @@ def transients(run: Run, channels: dict[str, str], figures: Figures, notes: list
 def _update_s(run: Run, channel: str) -> float:
     """How long an instrument repeats a value until it has measured again [s]; 0 where it measures when asked."""
     device = run.start.devices.get(channel.partition(".")[0])
-    source = None if device is None else run.start.sources.get(f"instruments/{device.instrument}.toml")
-    return float(tomllib.loads(source.text).get("update_s", 0.0)) if source is not None else 0.0
+    name = "" if device is None else f"instruments/{device.instrument}.toml"
+    if name not in run.start.sources:
+        return 0.0
+    text = run.start.sources[name].text
+    return float(parse_toml(text.encode(), f"{run.folder.name}: {name}").get("update_s", 0.0))
 
 
 def _of_known_moment(run: Run, channel: str, phase: Phase, found: Series) -> tuple[Series, int]:

@@ -17,6 +17,7 @@ from rig.exchange.tables import Table
 from rig.exchange.units import MOLAR_MASS, unit_of
 from rig.recording import Column
 from rig.recording.columns import FIGURES
+from rig.recording.contents import held
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of
 from rig.runlog.folder import RunError
@@ -240,7 +241,8 @@ def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converte
         if name in rates:
             columns[name] = _rate(converted, name, mapping.columns[name].factor, last, place)
         elif name in _HELD:
-            columns[name] = Column(column.values[last], column.censor[last])
+            values = held(column.values) if name == "supply_open" else column.values
+            columns[name] = Column(values[last], column.censor[last])
         else:
             blocks = column.values[: last.size * size].reshape(-1, size)
             off = (column.censor[: last.size * size].reshape(-1, size) != 0).any(axis=1)

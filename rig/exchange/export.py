@@ -18,6 +18,7 @@ from rig.readings import NS
 from rig.recording import Ambient, Recording, RecordingFile, SupplyFigures, write_recording
 from rig.recording.columns import PRESSURE
 from rig.recording.origin import of_run
+from rig.recording.read import what_lacks
 from rig.recording.schema import MOST_TEXT, SupplyTable
 from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of
 from rig.runlog.phases import DERIVED_DEVICE, Phase, quantity_channels, series, zeros
@@ -64,7 +65,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
     zero_phases, left_out = zeros(run)
     notes += left_out
     files = [
-        file
+        _at_rest_below(file)
         for file in (
             _steady(plateaus, figures, notes),
             _zero(run, channels, zero_phases, figures, notes),
@@ -79,17 +80,20 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
             f"be used, and no zero phase or capture with readings; {'; '.join(notes[1:]) or 'the run ended too early'}"
         )
     columns = {name for file in files for name in file.columns}
+    ambient = _ambient(run)
+    used = {name: figures.channel(name) for name in channels if name in columns}
     supply = {key: getattr(run.start.supply, key) for key in SupplyTable.model_fields}
     recording = Recording(
         folder=run.folder,
         motor=run.start.motor,
-        ambient=_ambient(run),
-        channels={name: figures.channel(name) for name in channels if name in columns},
-        files=tuple(_at_rest_below(file) for file in files),
+        ambient=ambient,
+        channels=used,
+        files=tuple(files),
         sha256=_digest(run),
         supply=SupplyFigures(**SupplyTable(**supply).model_dump()),
         origin=_origin(run),
         added_inertia_kg_m2=run.start.added_inertia_kg_m2,
+        warnings=tuple(what_lacks(used, ambient, files)),
     )
     return Exported(recording, notes)
 

@@ -132,6 +132,20 @@ class RecordingFile:
     added_inertia_kg_m2: float = 0.0
     left_out: tuple[int, ...] = ()
 
+    @property
+    def is_open(self) -> NDArray[np.bool_] | None:
+        """Whether the supply is open in each row, shape (rows,); None where the file does not say.
+
+        `supply_open` holds until the next row that says it.
+        """
+        flags = self.columns.get("supply_open")
+        return None if flags is None else held(flags.values) > 0.5
+
+
+def held(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values with the last one before in place of each nan, shape (n,); what has none before it stays nan."""
+    return values[np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(values.size)))]
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:

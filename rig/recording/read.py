@@ -7,7 +7,7 @@ import contextlib
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -201,15 +201,13 @@ def _assembled(
     """The recording out of its parts, with the warnings."""
     columns = {name for found in tables for name in found.columns}
     channels = {name: channel_of(name, table.channels.get(name)) for name in MEASURED if name in columns}
-    warnings = default_warnings(channels)
-    if table.ambient.pressure_bar_abs is None and columns & set(PRESSURE):
-        warnings.append("[ambient] leaves out pressure_bar_abs (taken: the motor's default and its prior)")
+    ambient = Ambient(**table.ambient.model_dump())
+    warnings = []
     if table.origin.date and (wrong := mistake_in(table.origin.date)):
         counts = "; it counts as not stated" if wrong == NOT_ISO else "; correct it, or results stand in a wrong order"
         warnings.append(f"[origin] date '{shown(table.origin.date)}' {wrong}{counts}")
     files = []
     for entry, found in zip(table.files, tables, strict=True):
-        warnings += _not_read(entry, found)
         warnings += unknown_warning(found.names, entry.file, kept=bool(found.extra))
         files.append(
             RecordingFile(
@@ -227,20 +225,28 @@ def _assembled(
     return Recording(
         folder=folder,
         motor=motor,
-        ambient=Ambient(**table.ambient.model_dump()),
+        ambient=ambient,
         channels=channels,
         files=tuple(files),
         added_inertia_kg_m2=table.rig.added_inertia_kg_m2,
-        warnings=tuple(warnings),
+        warnings=(*what_lacks(channels, ambient, files), *warnings),
         sha256=sha256,
         supply=SupplyFigures(**table.supply.model_dump()),
         origin=table.origin.model_dump(exclude_none=True),
     )
 
 
-def _not_read(entry: FileTable, found: Table) -> list[str]:
+def what_lacks(channels: dict[str, Channel], ambient: Ambient, files: Sequence[RecordingFile]) -> list[str]:
+    """What a recording leaves out, in words: figures and a room that are taken by default, readings of plateaus."""
+    told = default_warnings(channels)
+    if ambient.pressure_bar_abs is None and set(PRESSURE) & channels.keys():
+        told.append("[ambient] leaves out pressure_bar_abs (taken: the motor's default and its prior)")
+    return told + [words for file in files for words in _not_read(file)]
+
+
+def _not_read(found: RecordingFile) -> list[str]:
     """Plateaus that an instrument of the file has no reading of, in words; those with the rotor locked are none."""
-    if entry.kind != "steady":
+    if found.kind != "steady":
         return []
     locked = found.columns.get("rotor_locked")
     turning = np.ones(found.rows, dtype=bool) if locked is None else locked.values != 1.0
@@ -249,7 +255,7 @@ def _not_read(entry: FileTable, found: Table) -> list[str]:
         empty = np.flatnonzero(np.isnan(found.columns[name].values) & turning) if name in found.columns else np.empty(0)
         if 0 < empty.size < turning.sum():
             rows = f"{', '.join(str(int(row) + 1) for row in empty[:5])}{', ...' * (empty.size > 5)}"
-            told.append(f"{entry.file}: {name} has no reading in {empty.size} of {found.rows} rows ({rows})")
+            told.append(f"{found.file}: {name} has no reading in {empty.size} of {found.rows} rows ({rows})")
     return told
 
 

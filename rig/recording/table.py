@@ -143,6 +143,7 @@ class _Reading:
         columns = {name: Column(np.asarray(self.values[name]), np.asarray(self.censor[name])) for name in self.values}
         if self.rows:
             self._check_sampled(columns)
+            self._check_supply(columns)
         if self.plan.kind != "transient" and "time_s" in columns:
             self._check_unique(columns["time_s"].values)
         direction = np.concatenate(self.directions) if self.directions else None
@@ -248,6 +249,17 @@ class _Reading:
             if present and all(np.isnan(columns[name].values).all() for name in present):
                 what = "every cell is empty; this file needs readings there"
                 self.mistakes.add(f"{self.place}, column {' or '.join(present)}", what)
+
+    def _check_supply(self, columns: dict[str, Column]) -> None:
+        """In a transient the supply holds until the next row that tells of it: the first has to."""
+        flags = columns.get("supply_open")
+        if self.plan.kind != "transient" or flags is None or self.mistakes.count or not np.isnan(flags.values[0]):
+            return
+        self.mistakes.add(
+            f"{self.place}, row 1, column supply_open",
+            "empty: the supply stays as it is until the next row that tells of it, and no row is before this one; "
+            "write 1 (open) or 0 (closed) here, or take the column out",
+        )
 
     def _check_unique(self, times: NDArray[np.float64]) -> None:
         order = np.argsort(times, kind="stable")

@@ -10,7 +10,7 @@ import typer
 
 from spinbench.cli.errors import RUN_FAILED
 from spinbench.cli.options import LOGS, LogsOption, RunArgument
-from spinbench.cli.show import on_terminal, remark
+from spinbench.cli.show import check_places, on_terminal, remark
 from spinbench.readings import run_named
 
 OUT_HELP = "A folder to make, or a file that ends in .parquet, .h5, .hdf5, .nxs, .tdms or .mf4."
@@ -79,10 +79,9 @@ def export(
     """Export a run as a recording/1 folder, or its samples as Parquet, HDF5, TDMS or MDF 4."""
     from rig.exchange.export import export_recording
     from rig.exchange.samples.export import export_samples, is_file_of_samples
-    from rig.recording import files
 
     as_samples = is_file_of_samples(out)
-    files.check_places(*((None, out) if as_samples else (out, None)))
+    check_places(*((None, out) if as_samples else (out, None)))
     read = run_named(run, logs)
     if as_samples:
         export_samples(read, out)
@@ -113,6 +112,7 @@ def import_data(
     """Import data taken elsewhere, as a run; of a rig that is not this motor, as a recording."""
     if guess == (mapping is not None) or (guess and len(files) > 1):
         raise typer.BadParameter("give --mapping, or --guess and one file")
+    check_places(*((None, out) if guess else (out, None)))
     if mapping is None:
         propose_mapping(files[0], out)
         return

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spinbench.cli import options
+from spinbench.cli.show import check_places
 
 if TYPE_CHECKING:
     from rig.bench.bench import Bench
@@ -70,6 +71,7 @@ def _print(bench: Bench, out: Path) -> None:
         raise typer.BadParameter(f"{out}: a sheet is .html, to be printed, or .csv, to be filled in")
     if out.exists():
         raise typer.BadParameter(f"{out} exists already, and may be filled in; give a name that is free")
+    check_places(None, out)
     text = sheets.print_sheet(bench) if out.suffix == ".csv" else sheets.print_page(bench)
     files.write_file(out, text.encode())
     print(out)

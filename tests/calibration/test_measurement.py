@@ -13,6 +13,7 @@ from calibration.data.measurement import ABOVE, BELOW, MISSING, OBSERVED, Measur
 from calibration.data.refusals import refuse_unusable
 from calibration.diagnosis import diagnose
 from calibration.fit import fit
+from calibration.unknowns.priors import column_of
 from model.motor import Motor, read_motor
 from model.solvers import steady
 from rig.recording import RecordingError, read_recording
@@ -170,6 +171,37 @@ def test_absolute_pressure_declared_gauge_is_refused(put_recording):
     with pytest.raises(RecordingError, match="do not go with pressure_bar_gauge") as caught:
         check(folder)
     assert "name the column pressure_bar_abs" in str(caught.value)
+
+
+GAUGE_RUN = "time_s,pressure_bar_gauge,speed_rpm\n1,0.98675,397\n2,0.98675,397\n3,0.98675,397\n"
+ABS_SWEEP = ("sweep.csv", "steady", f"{HEADER}2.0,70,394\n")
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        [ABS_SWEEP, ("run.csv", "transient", GAUGE_RUN)],
+        [("run.csv", "steady", "pressure_bar_gauge,speed_rpm\n0.98675,397\n"), ABS_SWEEP],
+        [
+            ("run.csv", "steady", "pressure_bar_gauge,speed_rpm\n0.98675,397\n"),
+            ("sweep.csv", "zero", "pressure_bar_abs\n1.02\n"),
+        ],
+    ],
+)
+def test_gauge_and_absolute_pressures_in_one_recording_are_refused(put_recording, files):
+    recording = read_recording(put_recording(*files))
+    with pytest.raises(RecordingError) as caught:
+        refuse_unusable(recording)
+    assert "run.csv has pressure_bar_gauge, and sweep.csv has pressure_bar_abs" in str(caught.value)
+    assert "name both" in str(caught.value)
+    (left,) = without([recording], ["sweep.csv"])
+    refuse_unusable(left)
+    assert column_of(left, "pressure") == "pressure_bar_gauge"
+
+
+def test_a_zero_in_gauge_pressure_may_be_beside_absolute_ones(put_recording):
+    zero = ("zero.csv", "zero", "pressure_bar_gauge\n0.006\n")
+    refuse_unusable(read_recording(put_recording(ABS_SWEEP, zero)))
 
 
 @pytest.mark.parametrize("f_overall", [0.04, 0.0625, 0.1, 0.2])

@@ -23,6 +23,7 @@ from calibration.data.runs import READ_LATE_S, scatter
 from calibration.data.runs_in_time import coast_down, lone_zeros, release
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.document import as_json
+from calibration.diagnosis.next_test.promised import captures_of
 from calibration.diagnosis.steps.verdict import judge
 from calibration.report.diagnosis.words import sentence
 from calibration.systems.radial_piston.comparison import Comparison
@@ -314,6 +315,34 @@ def test_a_speed_off_the_scale_is_no_reading_of_a_run_in_time(tmp_path: Path) ->
     (run,) = blocks_of(read_recording(tmp_path / "run"), PULSE).runs
     assert 83 in plain.row
     assert 83 not in run.row
+
+
+@pytest.mark.parametrize(("opened", "speed"), [(OPEN_FIRST, ROCKING), (~OPEN_FIRST, RISING)])
+def test_the_supply_stays_as_it_is_until_the_next_row_that_tells_of_it(
+    tmp_path: Path, opened: np.ndarray, speed: np.ndarray
+) -> None:
+    whole = run_of_motor(tmp_path / "run", opened, speed)
+    file = tmp_path / "run" / "run.csv"
+    head, *rows = file.read_text(encoding="utf-8").splitlines()
+    told = [row if i in (0, 30) else row[:-1] for i, row in enumerate(rows)]
+    file.write_text("\n".join([head, *told]) + "\n", encoding="utf-8")
+    once = read_recording(tmp_path / "run")
+    refuse_unusable(once)
+    (found,), (same,) = blocks_of(once, PULSE).runs, blocks_of(whole, PULSE).runs
+    assert found.valve == same.valve
+    assert np.array_equal(found.used, same.used)
+    assert np.array_equal(blocks_of(once, PULSE).vented.pressure, blocks_of(whole, PULSE).vented.pressure)
+    assert captures_of(once) == captures_of(whole)
+
+
+def test_a_coast_down_of_a_rotor_begins_where_the_supply_was_last_told_to_close(tmp_path: Path) -> None:
+    speed = np.concatenate([np.full(20, 400.0), coast(1, 60)])
+    folder = write(tmp_path / "rotor", speed, np.arange(80) < 20)
+    whole = as_json(diagnose(read_recording(folder), 1))["files"]
+    head, *rows = (folder / "coast.csv").read_text(encoding="utf-8").splitlines()
+    told = [row if i in (0, 20) else row[:-1] for i, row in enumerate(rows)]
+    (folder / "coast.csv").write_text("\n".join([head, *told]) + "\n", encoding="utf-8")
+    assert as_json(diagnose(read_recording(folder), 1))["files"] == whole
 
 
 def gauged(folder: Path, cells: list[str]) -> Blocks:

@@ -362,6 +362,11 @@ BAD_TABLES = {
         SHORT,
         ["row 1, column supply_open", "expected 0 or 1"],
     ),
+    "supply_unsaid": (
+        "time_s,supply_open,pressure_bar_abs,speed_rpm\n1,,1.6,2\n2,1,1.6,2\n",
+        "transient",
+        ["row 1, column supply_open", "write 1 (open) or 0 (closed) here"],
+    ),
     "locked": (
         "rotor_locked,pressure_bar_abs,speed_rpm\nyes,1.6,2\n",
         SHORT,

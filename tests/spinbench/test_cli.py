@@ -193,6 +193,10 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path, spinbe
         ("diagnose", "sweep", "-o", "sweep/"),
         ("many", "fit", "sweep", "-o", "sweep"),
         ("simulate", "--pressure-bar-abs", "2", "--json", "sweep/recording.toml"),
+        ("runs", "export", "last", "-o", "sweep/last.parquet"),
+        ("runs", "import", "sweep/sweep.csv", "--mapping", "any.toml", "-o", "sweep"),
+        ("runs", "import", "sweep/sweep.csv", "--guess", "-o", "sweep/mapping.toml"),
+        ("sheet", "manual", "-o", "sweep/sheet.csv"),
     ],
 )
 def test_results_are_not_written_over_a_recording(tmp_path, spinbench_here, words):
@@ -206,6 +210,7 @@ def test_results_are_not_written_over_a_recording(tmp_path, spinbench_here, word
 
 def test_results_are_not_written_below_a_recording(tmp_path, spinbench_here):
     shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / "sweep")
+    assert "lies in" in refused(spinbench_here("runs", "export", "last", "-o", "sweep/below/it", cwd=tmp_path))
     said = refused(spinbench_here("diagnose", "sweep", "-o", "sweep/below/it", cwd=tmp_path))
     assert f"sweep/below/it lies in {tmp_path / 'sweep'}, which is a recording or run, which stays as it is" in said
     assert not (tmp_path / "sweep" / "below").exists()

@@ -126,8 +126,7 @@ def captures_of(recording: Recording) -> list[Capture]:
             continue
         added = recording.added_inertia_kg_m2 + file.added_inertia_kg_m2
         if file.kind == "transient":
-            supply = file.columns["supply_open"].values
-            is_open = supply[np.isfinite(supply)][-1] > 0.5
+            is_open = file.is_open is not None and bool(file.is_open[-1])
             settled = levels[levels.size // 2 :] if is_open else levels  # the line has to fill first
             found.append(Capture("spin-up" if is_open else "coast-down", float(np.median(settled)), added))
         elif np.mean(np.abs(levels - np.median(levels)) <= LEVEL * (np.median(levels) - room)) > 0.5:
@@ -150,9 +149,9 @@ def _levels(file: RecordingFile, room_bar: float) -> np.ndarray:
         return np.empty(0)
     values = file.columns[name].values + (room_bar if gauge else 0.0)
     if file.kind == "transient":
-        if "supply_open" not in file.columns:
+        if file.is_open is None:
             return np.empty(0)
-        values = values[file.columns["supply_open"].values > 0.5]
+        values = values[file.is_open]
     return values[np.isfinite(values)]
 
 

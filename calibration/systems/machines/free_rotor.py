@@ -45,7 +45,7 @@ class FreeRotor:
             columns = {name: column.values for name, column in file.columns.items()}
             time, speed = columns["time_s"], columns["speed_rpm"] * TO_SI["speed_rpm"]
             read, speed = np.isfinite(speed), np.where(file.columns["speed_rpm"].censor > 0, np.nan, speed)
-            run = coast_down(time, speed, columns.get("supply_open"))
+            run = coast_down(time, speed, file.is_open)
             compared = run.compared
             why = "" if _falls(speed[compared]) else DOES_NOT_FALL
             if compared.sum() < FEWEST or why:

@@ -15,7 +15,7 @@ from rig.exchange.samples.export import export_samples
 from rig.readings import NS, Exchange, Quality
 from rig.recording import RecordingError, SupplyFigures, read_recording
 from rig.runlog import RunError, RunWriter, read_run
-from rig.runlog.schema import ChannelRecord, DeviceRecord, SourceRecord, SupplyRecord
+from rig.runlog.schema import AmbientRecord, ChannelRecord, DeviceRecord, SourceRecord, SupplyRecord
 from tests.synthetic_runs import FLOW, PRESSURE, SPEED, SWEEP, Bench, poll, reading, start_of, write_sweep
 
 
@@ -162,6 +162,20 @@ def test_nothing_in_the_export_is_unknown_or_left_to_a_default(exported):
     assert "simulated" in (exported[2] / "notes.txt").read_text()
 
 
+def test_what_a_run_leaves_out_is_told_as_of_the_recording_made_of_it(tmp_path):
+    devices = dict(start_of().devices)
+    channels = {FLOW: devices["meter"].channels[FLOW].model_copy(update={"bias_sd": None})}
+    devices["meter"] = devices["meter"].model_copy(update={"channels": channels})
+    run = written(tmp_path, lambda bench: bench.plateau(1, SWEEP[0], "up"), devices=devices, ambient=AmbientRecord())
+    export_recording(run, tmp_path / "recording")
+    told = recording_of(run).recording.warnings
+    assert told == read_recording(tmp_path / "recording").warnings
+    assert [words.partition(" (")[0] for words in told] == [
+        "[channels.flow_l_min] leaves out bias_sd",
+        "[ambient] leaves out pressure_bar_abs",
+    ]
+
+
 def test_an_off_scale_plateau_stays_censored(tmp_path):
     def fill(bench):
         bench.plateau(1, SWEEP[0], "up", flow_l_min="<45", flow_l_min_se=None)
@@ -207,8 +221,8 @@ def test_unusable_readings_are_not_in_a_transient(tmp_path):
     assert list(np.isnan(file.columns["speed_rpm"].values)) == [False, False, True, False, False]
 
 
-def test_what_a_slow_gauge_only_repeats_is_not_in_a_transient(tmp_path):
-    text = "update_s = 3.0\n"
+@pytest.mark.parametrize("text", ["update_s = 3.0\n", "\ufeffupdate_s = 3.0\r\n"])  # as Windows editors write it
+def test_what_a_slow_gauge_only_repeats_is_not_in_a_transient(tmp_path, text):
     held = {"instruments/slow.toml": SourceRecord(sha256=hashlib.sha256(text.encode()).hexdigest(), text=text)}
     gauge = start_of().devices["gauge"].model_copy(update={"instrument": "slow"})
 

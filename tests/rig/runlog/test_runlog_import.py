@@ -413,6 +413,15 @@ def test_another_rig_s_data_become_a_recording(put, tmp_path):
     assert "source: made up" in (folder / "notes.txt").read_text()
 
 
+def test_a_supply_that_was_told_within_averaged_rows_is_kept(put, tmp_path):
+    flag = '[columns.supply_open]\ncolumn = 4\nunit = "0/1"\n[[files]]'
+    entry = AXIS.rpartition("[[files]]")[2].replace('name = "second"\nstart_s = 10.0\nrows = [4, 7]\n', "")
+    mapping = read_mapping(put("slide.toml", AXIS.partition("[[files]]")[0] + flag + entry))
+    rows = [f"{100 * i}\t{-10 * i}\t1\t{flag}" for i, flag in enumerate(["1", "", "", "", "0", ""])]
+    folder = import_files([put("slide.txt", "\n".join(rows) + "\n")], mapping, tmp_path / "recording")
+    assert list(read_recording(folder).files[0].columns["supply_open"].values) == [1.0, 1.0, 0.0]
+
+
 def test_files_and_the_mapping_s_entries_have_to_fit(put, tmp_path):
     mapping = read_mapping(put("slide.toml", AXIS))
     with pytest.raises(RunError, match=r"'slide.txt' is named in \[\[files\]\] and was not given"):
