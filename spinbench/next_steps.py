@@ -57,6 +57,16 @@ def after(start: StartRecord, state: str, run: str) -> list[Step]:
     ]
 
 
+def kept_in(run: Path) -> list[str]:
+    """The option that says in which folder a run lies; nothing where it is the usual one."""
+    from spinbench.cli.options import LOGS
+
+    folder, here = run.resolve().parent, Path.cwd()
+    if folder == LOGS.resolve():
+        return []
+    return ["--logs", str(folder.relative_to(here) if folder.is_relative_to(here) else folder)]
+
+
 def _is_empty(logs: Path) -> bool:
     from rig.runlog.listing import list_runs
 

@@ -17,6 +17,7 @@ from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
 from spinbench.cli.show import check_places, deliver, own_stem, remark, write_report
 from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
+from spinbench.next_steps import kept_in
 from spinbench.progress import diagnosing
 
 if TYPE_CHECKING:
@@ -76,7 +77,9 @@ def diagnose(
     earlier = None if resume is None else read_earlier(resume)
     before = earlier.recordings if earlier else []
     among_many = earlier is not None or hold_out is not None
-    new = readings.all_named(recording, logs, parents, among_many, before)
+    named = [readings.folder_named(one, logs) for one in recording]  # once: another run may begin meanwhile
+    new = readings.all_named(named, logs, parents, among_many, before)
+    own_words = _words_of(named[-1])
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs), among_many=True)
     readings.refuse_twice([*before, *new], unseen)
     parts = without([*(earlier.parts if earlier else []), *new], left_out or [])
@@ -88,7 +91,7 @@ def diagnose(
     with diagnosing() as tell:
         processes = workers or min(2, os.cpu_count() or 1)
         diagnosis = look(read, seed, tell, unseen, processes, [promise] if promise else [], sharing)
-        diagnosis = _on_its_bench(diagnosis, readings.folder_named(recording[-1], logs), logs)
+        diagnosis = _in_own_words(diagnosis, *own_words)
         found = as_json(diagnosis)
         found["promised"] = [*(earlier.promised if earlier else []), *found["promised"]]
         found[RECORDINGS] = made_of(earlier, new, left_out or [], out)
@@ -103,17 +106,21 @@ def diagnose(
     _tell_how_it_went(unseen, found, diagnosis.seconds, out, len(given))
 
 
-def _on_its_bench(diagnosis: Diagnosis, folder: Path, logs: Path) -> Diagnosis:
-    """A diagnosis whose tests are commands of the bench and the run that it is of, where those are known."""
+def _words_of(folder: Path) -> tuple[str, str]:
+    """How commands name the bench that a recording is of, and the run as an option; BENCH where it is not known."""
     from rig.bench.bench import bench_path
     from rig.runlog.folder import START
     from rig.runlog.reader import read_start
 
     start = read_start(folder) if (folder / START).is_file() else None
     if start is None or start.imported or start.kind == "import":
-        return diagnosis
+        return "BENCH", ""
     bench = shlex.quote(start.bench) if bench_path(Path(start.bench)).is_file() else "BENCH"
-    after = f"--after {folder.name}" + (f" --logs {shlex.quote(str(logs))}" if logs != options.LOGS else "")
+    return bench, shlex.join(["--after", folder.resolve().name, *kept_in(folder)])
+
+
+def _in_own_words(diagnosis: Diagnosis, bench: str, after: str) -> Diagnosis:
+    """A diagnosis whose tests are commands of the bench and the run that it is of."""
     tests = [
         replace(one, capture=one.capture and replace(one.capture, bench=bench, after=after))
         for one in diagnosis.next_tests
