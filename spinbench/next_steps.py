@@ -46,7 +46,7 @@ def after(start: StartRecord, state: str, run: str) -> list[Step]:
     run = shlex.quote(run)
     show = ("read what happened in it", f"spinbench runs show {run}")
     if state != "finished":
-        again = ("take the levels that are left", f"spinbench sweep {shlex.quote(start.bench)} --continue {run}")
+        again = ("take the levels that are left", f"spinbench sweep {shlex.quote(bench_named(start))} --continue {run}")
         return [show, *([again] if start.kind == "sweep" else [])]
     parents = "" if start.kind in ("sweep", "manual") else " --with-parents"
     return [
@@ -55,6 +55,22 @@ def after(start: StartRecord, state: str, run: str) -> list[Step]:
         ("see that its bytes give the same readings", f"spinbench replay {run}"),
         show,
     ]
+
+
+def bench_named(start: StartRecord, *typed: str) -> str:
+    """The bench of a run, as a command names it; BENCH where the file that it was made with is not found.
+
+    `typed`: how else it may be named, the best first.
+    """
+    from rig.bench.bench import BENCH_SOURCE, bench_path
+    from rig.runlog.folder import sha256_of
+
+    kept = start.sources.get(BENCH_SOURCE)
+    for word in filter(None, (*typed, start.bench)):
+        path = bench_path(Path(word))
+        if kept is not None and path.is_file() and sha256_of(path) == kept.sha256:
+            return word
+    return "BENCH"
 
 
 def kept_in(run: Path) -> list[str]:

@@ -17,7 +17,7 @@ from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
 from spinbench.cli.show import check_places, deliver, own_stem, remark, write_report
 from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
-from spinbench.next_steps import kept_in
+from spinbench.next_steps import bench_named, kept_in
 from spinbench.progress import diagnosing
 
 if TYPE_CHECKING:
@@ -108,15 +108,13 @@ def diagnose(
 
 def _words_of(folder: Path) -> tuple[str, str]:
     """How commands name the bench that a recording is of, and the run as an option; BENCH where it is not known."""
-    from rig.bench.bench import bench_path
     from rig.runlog.folder import START
     from rig.runlog.reader import read_start
 
     start = read_start(folder) if (folder / START).is_file() else None
     if start is None or start.imported or start.kind == "import":
         return "BENCH", ""
-    bench = shlex.quote(start.bench) if bench_path(Path(start.bench)).is_file() else "BENCH"
-    return bench, shlex.join(["--after", folder.resolve().name, *kept_in(folder)])
+    return shlex.quote(bench_named(start)), shlex.join(["--after", folder.resolve().name, *kept_in(folder)])
 
 
 def _in_own_words(diagnosis: Diagnosis, bench: str, after: str) -> Diagnosis:

@@ -42,4 +42,4 @@ def test_a_killed_run_is_sealed_first(tmp_path, seal, first):
 def test_a_stopped_sweep_is_looked_at_and_gone_on_with(tmp_path):
     with RunWriter.create(tmp_path, start_of()) as writer:
         writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
-    assert commands(tmp_path)[:2] == ["spinbench runs show last", "spinbench sweep synthetic --continue last"]
+    assert commands(tmp_path)[:2] == ["spinbench runs show last", "spinbench sweep BENCH --continue last"]

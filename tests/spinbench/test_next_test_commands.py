@@ -10,9 +10,10 @@ import pytest
 
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.likelihood.expected import Capture
+from rig.bench.bench import FOLDER
 from rig.runlog import RunWriter
 from spinbench.cli import diagnose
-from tests.synthetic_runs import start_of, write_sweep
+from tests.synthetic_runs import made_with, start_of, write_sweep
 
 TEST = NextTest("a coast-down", (("windage",),), 3.0, capture=Capture("coast-down", 1.7, 0.015))
 COMMAND = "--kind coast-down --level-bar-abs 1.7 --added-inertia-kg-m2 0.015"
@@ -52,19 +53,23 @@ def without_work(monkeypatch):
     return of
 
 
-@pytest.mark.parametrize(("bench", "word"), [("virtual", "virtual"), ("somebody's own", "BENCH")])
-def test_of_a_run_it_names_the_bench_where_that_is_found_and_the_run_and_its_folder(tmp_path, bench, word):
-    with RunWriter.create(tmp_path / "lo gs", start_of(bench=bench)) as writer:
+@pytest.mark.parametrize("bench", ["virtual", "edited", "lost"])
+def test_of_a_run_it_names_the_bench_where_its_file_is_found_and_the_run_and_its_folder(bench, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / f"{bench}.toml" if bench == "lost" else tmp_path / "virtual.toml"
+    own.write_text((FOLDER / "virtual.toml").read_text() + "# mine\n" * (bench == "edited"))
+    with RunWriter.create(tmp_path / "lo gs", start_of(**made_with(own))) as writer:
         writer.end("finished")
+    word = "virtual" if bench == "virtual" else "BENCH"
     run = writer.folder
     assert commands_of(run) == [
-        f"spinbench capture {word} {COMMAND} --after {run.name} --logs '{tmp_path / 'lo gs'}'",
+        f"spinbench capture {word} {COMMAND} --after {run.name} --logs 'lo gs'",
         None,
     ]
 
 
 def test_the_folder_of_the_runs_is_named_where_it_is_not_the_usual_one(tmp_path, monkeypatch):
-    with RunWriter.create(tmp_path / "logs", start_of(bench="virtual")) as writer:
+    with RunWriter.create(tmp_path / "logs", start_of(**made_with(FOLDER / "virtual.toml"))) as writer:
         writer.end("finished")
     run = writer.folder.rename(writer.folder.parent / "a run")
     for here, named, option in (
@@ -79,7 +84,9 @@ def test_the_folder_of_the_runs_is_named_where_it_is_not_the_usual_one(tmp_path,
 
 @pytest.mark.parametrize("named", ["last", "20260528-20"])
 def test_a_run_that_begins_meanwhile_is_not_the_one_that_was_diagnosed(named, tmp_path, monkeypatch, without_work):
-    first, second = (write_sweep(tmp_path / "logs", captures=False, bench="virtual") for _ in range(2))
+    first, second = (
+        write_sweep(tmp_path / "logs", captures=False, **made_with(FOLDER / "virtual.toml")) for _ in range(2)
+    )
     later = second.rename(tmp_path / "later")
     without_work(lambda: later.rename(second))
     monkeypatch.chdir(tmp_path)

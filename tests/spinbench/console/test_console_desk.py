@@ -12,7 +12,7 @@ from spinbench.console.desk import Desk, Showing
 from spinbench.console.planned import Planned
 from spinbench.next_steps import next_steps
 from tests.console_lab import short_bench
-from tests.synthetic_runs import start_of, write_sweep
+from tests.synthetic_runs import made_with, start_of, write_sweep
 from tests.waiting import wait_for
 
 SWEEP = Planned("sweep")
@@ -114,7 +114,7 @@ def test_figures_of_a_replay_are_marked_as_past(tmp_path):
 
 
 def test_what_is_to_be_typed_after_a_stop_names_the_bench_file_that_the_console_was_given(desk):
-    with RunWriter.create(desk.logs, start_of(bench=desk.bench.name)) as writer:
+    with RunWriter.create(desk.logs, start_of(**made_with(desk.sweeps.path))) as writer:
         writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
     desk.follow()
     (alarm,) = desk.facts(desk.showing, 0.0)["alarms"]
