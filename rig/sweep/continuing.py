@@ -35,16 +35,18 @@ class Taken:
     plateaus: tuple[Plateau, ...] = ()
 
 
-def taken(run: Run, bench: Bench, logs: Path) -> Taken:
+def taken(run: Run, bench: Bench, logs: Path, motor_serial: str | None = None) -> Taken:
     """What a run, and the runs that it continues, have taken.
 
-    Raises RunError when the run is of another bench or another sweep, or of no sweep at all.
+    `motor_serial`: of the motor that is on the bench; the bench file's when left out.
+    Raises RunError when one is of another bench, motor or sweep, or of no sweep at all.
     """
     steps: list[Step] = []
     kinds: set[str] = set()
     plateaus: list[Plateau] = []
     for at in _back_from(run, logs):
         _check(at, bench)
+        refuse_another_motor(at, bench, motor_serial)
         steps += [
             Step(plateau.level_bar_abs, plateau.direction, plateau.repeat)
             for plateau in _believed(at)

@@ -78,7 +78,7 @@ def sweep(
 
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
     parent = readings.run_named(resume, logs) if resume else None
-    course = partial(_what_is_missing, parent, logs)
+    course = partial(_what_is_missing, parent, logs, motor_serial)
     server = server_of(conceal, conceal_seed, only, key)
     by = (operator, motor_serial, note, *_before(parent))
     _take(bench, given, course, Wanted("sweep", logs, *by, wire, rate, server), check, page, (conceal, key))
@@ -159,12 +159,14 @@ def _one_capture(
     return replace(capture_course(bench, ambient, kind, level_bar_abs, times), known=known), []
 
 
-def _what_is_missing(parent: Run | None, logs: Path, bench: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
+def _what_is_missing(
+    parent: Run | None, logs: Path, motor_serial: str | None, bench: Bench, ambient: Ambient
+) -> tuple[Course, list[str]]:
     """A sweep of what the run before did not take."""
     from rig.sweep.continuing import Taken, taken
     from rig.sweep.planning import sweep_course
 
-    have = taken(parent, bench, logs) if parent else Taken()
+    have = taken(parent, bench, logs, motor_serial) if parent else Taken()
     return sweep_course(bench, ambient, have.steps, have.captures, have.plateaus)
 
 

@@ -54,6 +54,7 @@ def test_plateaus_at_which_a_tachometer_had_died_are_taken_again(tmp_path, outco
     ("changes", "words"),
     [
         ({"bench": "lab"}, "is of the bench 'lab', not of 'virtual'"),
+        ({"motor": "ptm1800"}, "is of the motor ptm1800, not of the motor ptm3600, which is on the bench now"),
         ({"kind": "zero"}, "only a sweep is continued"),
         ({"sweep": SWEEP | {"levels_bar_abs": [1.5]}}, "another sweep: levels_bar_abs differ"),
     ],
@@ -61,6 +62,15 @@ def test_plateaus_at_which_a_tachometer_had_died_are_taken_again(tmp_path, outco
 def test_a_run_of_something_else_is_not_continued(tmp_path, changes, words):
     with pytest.raises(RunError, match=words):
         taken(run_of(tmp_path, **changes), BENCH, tmp_path)
+
+
+@pytest.mark.parametrize("which", ["parent", "its parent"])
+def test_a_run_of_another_motor_is_not_continued(tmp_path, which):
+    first = run_of(tmp_path, motor_serial="A-17")
+    run = first if which == "parent" else run_of(tmp_path, parent=first.name)
+    assert taken(run, BENCH, tmp_path, "A-17").steps
+    with pytest.raises(RunError, match=r"is of the motor ptm3600 no\. A-17, not of the motor ptm3600 no\. B-2, which"):
+        taken(run, BENCH, tmp_path, "B-2")
 
 
 def test_captures_that_are_there_are_not_taken_again():
