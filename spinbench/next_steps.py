@@ -43,11 +43,12 @@ def next_steps(logs: Path) -> tuple[str, list[Step]]:
 
 def after(start: StartRecord, state: str, run: str) -> list[Step]:
     """What can be done with a run that has ended, the likeliest first; `run`: as a command names it."""
-    run = shlex.quote(run)
-    show = ("read what happened in it", f"spinbench runs show {run}")
+    show = ("read what happened in it", f"spinbench runs show {shlex.quote(run)}")
     if state != "finished":
-        again = ("take the levels that are left", f"spinbench sweep {shlex.quote(bench_named(start))} --continue {run}")
+        words = ["spinbench", "sweep", bench_named(start), "--continue", Path(run).name]
+        again = ("take the levels that are left", shlex.join([*words, *(kept_in(Path(run)) if run != "last" else [])]))
         return [show, *([again] if start.kind == "sweep" else [])]
+    run = shlex.quote(run)
     parents = "" if start.kind in ("sweep", "manual") else " --with-parents"
     return [
         ("ask whether the model explains it", f"spinbench diagnose {run}{parents} -o out/diagnosis"),

@@ -64,6 +64,15 @@ def test_a_sweep_of_another_motor_is_not_gone_on_with(spinbench_here, tmp_path):
     assert list((tmp_path / "logs").iterdir()) == [run]
 
 
+def test_a_sweep_goes_on_from_a_run_in_its_own_folder(spinbench_here, tmp_path):
+    run = write_sweep(tmp_path / "elsewhere", captures=False)
+    result = spinbench_here("sweep", "virtual", "--continue", run, cwd=tmp_path)
+    assert result.returncode == 2
+    said = " ".join(result.stderr.replace("│", " ").split())
+    assert "it is not in logs, where this run is kept; say --logs" in said
+    assert not (tmp_path / "logs").exists()
+
+
 @pytest.mark.parametrize(
     ("kind", "option", "words"),
     [

@@ -38,6 +38,15 @@ def test_the_parents_of_the_parent_count_too(tmp_path):
     assert len(taken(second, BENCH, tmp_path).steps) == 2 * len(taken(first, BENCH, tmp_path).steps)
 
 
+def test_a_parent_is_found_by_its_whole_name(tmp_path):
+    """Others begin with it: those that were begun in the same second, or a copy."""
+    first = run_of(tmp_path)
+    second = run_of(tmp_path, parent=first.name)
+    first.folder.rename(tmp_path / f"{first.name}-copy")
+    with pytest.raises(RunError, match=f"{second.name} goes on from '{first.name}', which is not in .*; put it there"):
+        taken(second, BENCH, tmp_path)
+
+
 @pytest.mark.parametrize(("outcome", "fewer"), [("failed", 2), ("aborted", 0)])
 def test_plateaus_at_which_a_tachometer_had_died_are_taken_again(tmp_path, outcome, fewer):
     level, dead = SYNTHETIC_LEVELS[0], {"speed_rpm": 0.0, "speed_rpm_se": 0.0}
