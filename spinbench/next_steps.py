@@ -38,24 +38,27 @@ def next_steps(logs: Path) -> tuple[str, list[Step]]:
         return said, [watch, show]
     if state == KILLED:
         return said, [("seal it", "spinbench runs repair last"), show]
-    return said, [*after(start, state, "last"), watch]
+    return said, [*after(newest, start, state, "last"), watch]
 
 
-def after(start: StartRecord, state: str, run: str) -> list[Step]:
+def after(folder: Path, start: StartRecord, state: str, run: str) -> list[Step]:
     """What can be done with a run that has ended, the likeliest first; `run`: as a command names it."""
+    from rig.runlog.folder import WIRE
+
     show = ("read what happened in it", f"spinbench runs show {shlex.quote(run)}")
     if state != "finished":
-        words = ["spinbench", "sweep", bench_named(start), "--continue", Path(run).name]
-        again = ("take the levels that are left", shlex.join([*words, *(kept_in(Path(run)) if run != "last" else [])]))
+        words = ["spinbench", "sweep", bench_named(start), "--continue", run if run == "last" else folder.name]
+        again = ("take the levels that are left", shlex.join([*words, *(kept_in(folder) if run != "last" else [])]))
         return [show, *([again] if start.kind == "sweep" else [])]
     run = shlex.quote(run)
-    parents = "" if start.kind in ("sweep", "manual") else " --with-parents"
-    return [
+    parents = " --with-parents" if start.goes_on_from else ""
+    asked = [
         ("ask whether the model explains it", f"spinbench diagnose {run}{parents} -o out/diagnosis"),
-        ("find f_overall and how sure it is", f"spinbench fit {run} -o out/fit"),
-        ("see that its bytes give the same readings", f"spinbench replay {run}"),
-        show,
+        ("find f_overall and how sure it is", f"spinbench fit {run}{parents} -o out/fit"),
     ]
+    is_alone = start.kind in ("coast-down", "spin-up", "zero", "plateaus") and not parents
+    replay = ("see that its bytes give the same readings", f"spinbench replay {run}")
+    return [*([] if is_alone else asked), *([replay] if (folder / WIRE).is_file() else []), show]
 
 
 def bench_named(start: StartRecord, *typed: str) -> str:
