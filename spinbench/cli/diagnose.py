@@ -15,7 +15,7 @@ import typer
 from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.show import check_places, deliver, own_stem, remark, write_report
+from spinbench.cli.show import check_places, deliver, folder_of, own_stem, remark, write_report
 from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
 from spinbench.next_steps import bench_named, kept_in
 from spinbench.progress import diagnosing
@@ -45,7 +45,7 @@ ResumeOption = Annotated[
     typer.Option(
         "--continue",
         metavar="OUT",
-        help="Go on with the diagnosis in this folder: its recordings, and those given now.",
+        help="Go on with the diagnosis in this folder, or file: its recordings, and those given now.",
     ),
 ]
 
@@ -94,13 +94,13 @@ def diagnose(
         diagnosis = _in_own_words(diagnosis, *own_words)
         found = as_json(diagnosis)
         found["promised"] = [*(earlier.promised if earlier else []), *found["promised"]]
-        found[RECORDINGS] = made_of(earlier, new, left_out or [], out)
-        data = files.json_bytes(found)
+        found[RECORDINGS] = made_of(earlier, new, left_out or [], out or Path())
         page, table, words = _told_by(found)
         if out is not None:
             tell("report")
-            write_report(out, {JSON: data} | _pages(page, diagnosis, found), JSON)
-    deliver(data, [table(found)], json_file)
+            write_report(out, {JSON: files.json_bytes(found)} | _pages(page, diagnosis, found), JSON)
+    there = made_of(earlier, new, left_out or [], folder_of(json_file))
+    deliver(files.json_bytes(found | {RECORDINGS: there}), [table(found)], json_file)
     print(words.sentence(found), file=sys.stderr)
     _warn(found, diagnosis)
     _tell_how_it_went(unseen, found, diagnosis.seconds, out, len(given))

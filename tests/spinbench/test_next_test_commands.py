@@ -1,10 +1,7 @@
 """The command of a recommended test, of the bench and the run that it is for."""
 
-import json
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -13,7 +10,7 @@ from calibration.likelihood.expected import Capture
 from rig.bench.bench import FOLDER
 from rig.runlog import RunWriter
 from spinbench.cli import diagnose
-from tests.synthetic_runs import made_with, start_of, write_sweep
+from tests.synthetic_runs import made_with, start_of
 
 TEST = NextTest("a coast-down", (("windage",),), 3.0, capture=Capture("coast-down", 1.7, 0.015))
 COMMAND = "--kind coast-down --level-bar-abs 1.7 --added-inertia-kg-m2 0.015"
@@ -22,35 +19,11 @@ COMMAND = "--kind coast-down --level-bar-abs 1.7 --added-inertia-kg-m2 0.015"
 @dataclass
 class Told:
     next_tests: list[NextTest] = field(default_factory=lambda: [TEST, replace(TEST, capture=None)])
-    seconds: float = 0.0
 
 
 def commands_of(folder):
     told = diagnose._in_own_words(Told(), *diagnose._words_of(folder))
     return [one.capture and one.capture.command for one in told.next_tests]
-
-
-@pytest.fixture
-def without_work(monkeypatch):
-    """`diagnose` without the work, which is replaced; no report is made."""
-
-    def of(work):
-        told = Told([TEST])
-        module = import_module("calibration.diagnosis.diagnose")  # the package has a function of that name
-        monkeypatch.setattr(module, "diagnose", lambda *_: (work(), told)[1])
-        commands = {"format": "diagnosis/1", "promised": [], "rivals": []}
-        monkeypatch.setattr(
-            "calibration.diagnosis.document.as_json",
-            lambda found: commands | {"next_tests": [one.capture.command for one in found.next_tests]},
-        )
-        words = SimpleNamespace(sentence=lambda found: "")
-        monkeypatch.setattr(diagnose, "_told_by", lambda found: (None, lambda found: None, words))
-        monkeypatch.setattr(diagnose, "_pages", lambda *_: {})
-        monkeypatch.setattr(diagnose, "deliver", lambda *_: None)
-        for name in ("_warn", "_tell_how_it_went"):
-            monkeypatch.setattr(diagnose, name, lambda *_: None)
-
-    return of
 
 
 @pytest.mark.parametrize("bench", ["virtual", "edited", "lost"])
@@ -80,19 +53,6 @@ def test_the_folder_of_the_runs_is_named_where_it_is_not_the_usual_one(tmp_path,
     ):
         monkeypatch.chdir(here)
         assert commands_of(named)[0].endswith(f" --after 'a run'{option}")
-
-
-@pytest.mark.parametrize("named", ["last", "20260528-20"])
-def test_a_run_that_begins_meanwhile_is_not_the_one_that_was_diagnosed(named, tmp_path, monkeypatch, without_work):
-    first, second = (
-        write_sweep(tmp_path / "logs", captures=False, **made_with(FOLDER / "virtual.toml")) for _ in range(2)
-    )
-    later = second.rename(tmp_path / "later")
-    without_work(lambda: later.rename(second))
-    monkeypatch.chdir(tmp_path)
-    diagnose.diagnose(recording=[Path(named)], out=tmp_path / "out")
-    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert found["next_tests"] == [f"spinbench capture virtual {COMMAND} --after {first.name}"]
 
 
 def test_of_a_recording_or_an_import_the_bench_is_not_known(tmp_path):
