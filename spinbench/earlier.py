@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from rig.recording import Recording
     from spinbench.documents.of_recordings import GoneOnWith
 
-RECORDINGS, FOLDER, SHA256, WITHOUT, ORIGIN = "recordings", "folder", "sha256", "without", "origin"
+RECORDINGS, PER_RECORDING = "recordings", "per_recording"
+FOLDER, SHA256, WITHOUT, ORIGIN = "folder", "sha256", "without", "origin"
 
 
 @dataclass(frozen=True)

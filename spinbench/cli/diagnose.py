@@ -16,7 +16,7 @@ from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
 from spinbench.cli.show import check_places, deliver, folder_of, own_stem, remark, write_report
-from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
+from spinbench.earlier import PER_RECORDING, RECORDINGS, Earlier, made_of, read_earlier
 from spinbench.next_steps import bench_named, kept_in
 from spinbench.progress import diagnosing
 
@@ -83,7 +83,8 @@ def diagnose(
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs), among_many=True)
     readings.refuse_twice([*before, *new], unseen)
     parts = without([*(earlier.parts if earlier else []), *new], left_out or [])
-    sharing = own_of_each(options.ids_in(per_recording), len(parts))
+    asked = [*(earlier.document.per_recording if earlier else []), *options.ids_in(per_recording)]
+    sharing = own_of_each(asked, len(parts))
     given = as_given(parts, apart=bool(sharing.own))
     promise = _promised(earlier, new, resume)
     remark(*readings.warnings_in([one for one in (*given, unseen) if one is not None]))
@@ -95,6 +96,7 @@ def diagnose(
         found = as_json(diagnosis)
         found["promised"] = [*(earlier.promised if earlier else []), *found["promised"]]
         found[RECORDINGS] = made_of(earlier, new, left_out or [], out or Path())
+        found |= {PER_RECORDING: sorted(sharing.own)} if sharing.own else {}
         page, table, words = _told_by(found)
         if out is not None:
             tell("report")

@@ -73,3 +73,24 @@ def test_each_copy_of_a_diagnosis_says_where_its_recordings_are(words, earlier, 
     for place in [earlier, *(["a/deep"] if "-o" in words else [])]:
         again = spinbench_here("diagnose", "--continue", place, "swept", cwd=tmp_path)
         assert (again.returncode, "a recording is given twice: swept;" in again.stderr) == (2, True), again.stderr
+
+
+def test_what_is_of_each_recording_stays_so_where_a_diagnosis_is_gone_on_with(tmp_path, without_work, spinbench_here):
+    header, *rows = (published_sweep() / "sweep.csv").read_text().split()
+    for n, name in enumerate("ABC"):  # each with readings of its own
+        shutil.copytree(published_sweep(), tmp_path / name)
+        changed = [
+            f"{pressure},{flow},{float(speed) + n}" for pressure, flow, speed in (row.split(",") for row in rows)
+        ]
+        (tmp_path / name / "sweep.csv").write_text("\n".join([header, *changed]) + "\n")
+    asked = []
+    without_work(lambda read, *rest: asked.append((len(read), set(rest[-1].own))))
+    for words in (
+        ("A", "B", "--per-recording", "leakage", "-o", "out/d"),
+        ("--continue", "out/d", "C", "-o", "out/e"),
+        ("--continue", "out/e", "C", "--per-recording", "windage"),
+    ):
+        done = spinbench_here("diagnose", *words, cwd=tmp_path)
+    assert "given twice: C;" in done.stderr
+    assert asked == [(2, {"leakage"}), (3, {"leakage"})]
+    assert json.loads((tmp_path / "out" / "e" / "diagnosis.json").read_text())["per_recording"] == ["leakage"]
