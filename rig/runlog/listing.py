@@ -39,7 +39,7 @@ class RunRow:
 
 def list_runs(root: Path) -> list[RunRow]:
     """The runs of a folder, oldest first; other folders in it are passed over. Raises RunError where it is a file."""
-    return [_row(folder) for folder in sorted(_folders(root), key=_age)]
+    return [_row(folder) for folder in sorted(_folders(root), key=age_of)]
 
 
 def _folders(root: Path) -> list[Path]:
@@ -50,7 +50,7 @@ def _folders(root: Path) -> list[Path]:
     return [entry for entry in root.iterdir() if entry.is_dir() and (entry / START).exists()]
 
 
-def _age(folder: Path) -> tuple[str, str]:
+def age_of(folder: Path) -> tuple[str, str]:
     """What runs are in order by: when each began, as names have it, then the name; that alone if it cannot be read."""
     try:
         begun = utc_text(utc_ns(read_start(folder).utc_start))
@@ -90,7 +90,7 @@ def find_run(name: str | Path, root: Path) -> Path:
         return path
     folders = _folders(root)
     if str(name) == "last" and folders:
-        return max(folders, key=_age)
+        return max(folders, key=age_of)
     found = sorted(folder.name for folder in folders if folder.name.startswith(str(name)))
     if str(name) in found or len(found) == 1:
         return root / (str(name) if str(name) in found else found[0])

@@ -1,5 +1,6 @@
 """The console's own state: what became of a start, which run is shown, and what a person is told to type."""
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from rig.runlog import RunWriter
 from spinbench.console import sweeps
 from spinbench.console.desk import Desk, Showing
 from spinbench.console.planned import Planned
+from spinbench.console.stopping import being_written
 from spinbench.next_steps import next_steps
 from tests.console_lab import short_bench
 from tests.synthetic_runs import made_with, start_of, write_sweep
@@ -104,6 +106,19 @@ def test_the_run_shown_is_the_newest_of_a_bench_and_never_an_import_by_itself(de
     assert desk.showing.tail.folder == writer.folder
     offered = {row["name"]: row["imported"] for row in desk.runs()}
     assert [offered[one.folder.name] for one in (writer, later)] == [False, True]
+
+
+def test_runs_that_were_renamed_do_not_hide_the_one_that_goes_on(desk):
+    """STOP finds it too."""
+    with RunWriter.create(desk.logs, start_of(utc_start="2026-05-27T09:00:00Z")) as writer:
+        writer.end("finished", vented=True)
+    for n in range(60):
+        shutil.copytree(writer.folder, desk.logs / f"seal_test_{n}")
+    with RunWriter.create(desk.logs, start_of()) as going_on:
+        desk.follow()
+        assert desk.showing.tail.folder == going_on.folder
+        assert [row["name"] for row in desk.runs()][:2] == [going_on.name, "seal_test_9"]
+        assert being_written(desk.logs) == [going_on.folder]
 
 
 def test_figures_of_a_replay_are_marked_as_past(tmp_path):
