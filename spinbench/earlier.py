@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from rig.recording import Recording
     from spinbench.documents.of_recordings import GoneOnWith
 
-RECORDINGS, FOLDER, SHA256, WITHOUT, ORIGIN = "recordings", "folder", "sha256", "without", "origin"
+RECORDINGS, PER_RECORDING = "recordings", "per_recording"
+FOLDER, SHA256, WITHOUT, ORIGIN = "folder", "sha256", "without", "origin"
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Earlier:
 
 
 def read_earlier(out: Path) -> Earlier:
-    """A diagnosis from the folder that its report was written to.
+    """A diagnosis from the folder that its report was written to, or from its file.
 
     Raises RecordingError when there is none, it does not say what it was made of, or that is not as it was.
     """
@@ -77,7 +78,7 @@ def read_earlier(out: Path) -> Earlier:
     from rig.recording.mistakes import shown
     from spinbench.documents.of_recordings import GoneOnWith
 
-    file = out / JSON
+    file = out if out.is_file() else out / JSON
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
@@ -94,7 +95,7 @@ def read_earlier(out: Path) -> Earlier:
         raise RecordingError(f"{str(error).splitlines()[0]}; it was damaged: diagnose anew") from None
     recordings, sources = [], []
     for one in found[RECORDINGS]:
-        folder, here = (out / one[FOLDER]).resolve(), Path.cwd()
+        folder, here = (file.parent / one[FOLDER]).resolve(), Path.cwd()
         folder = folder.relative_to(here) if folder.is_relative_to(here) else folder
         if not folder.is_dir():
             raise RecordingError(
@@ -110,19 +111,18 @@ def read_earlier(out: Path) -> Earlier:
 
 
 def made_of(
-    earlier: Earlier | None, new: Sequence[Recording], left_out: Sequence[str], out: Path | None
+    earlier: Earlier | None, new: Sequence[Recording], left_out: Sequence[str], place: Path
 ) -> list[dict[str, Any]]:
-    """What a diagnosis was made of, for its document; folders as seen from the one that it is written to."""
+    """What a diagnosis was made of, for its document; folders as seen from the one that it is written to, `place`."""
     from calibration.data.joined import names_of
 
     sources = list(earlier.sources) if earlier else []
     sources += [{FOLDER: str(one.folder), SHA256: one.sha256, WITHOUT: [], ORIGIN: dict(one.origin)} for one in new]
     names = names_of([*(earlier.recordings if earlier else []), *new])
-    start = (Path.cwd() if out is None else out).resolve()
     found = []
     for source, name in zip(sources, names, strict=True):
         ahead = f"{name}/" if len(names) > 1 else ""
         also = [asked.removeprefix(ahead) for asked in left_out if asked.startswith(ahead)]
-        folder = os.path.relpath(Path(source[FOLDER]).resolve(), start)
+        folder = os.path.relpath(Path(source[FOLDER]).resolve(), place.resolve())
         found.append(source | {FOLDER: folder, WITHOUT: [*source[WITHOUT], *also]})
     return found

@@ -38,23 +38,53 @@ def next_steps(logs: Path) -> tuple[str, list[Step]]:
         return said, [watch, show]
     if state == KILLED:
         return said, [("seal it", "spinbench runs repair last"), show]
-    return said, [*after(start, state, "last"), watch]
+    return said, [*after(newest, start, state, "last"), watch]
 
 
-def after(start: StartRecord, state: str, run: str) -> list[Step]:
+def after(folder: Path, start: StartRecord, state: str, run: str) -> list[Step]:
     """What can be done with a run that has ended, the likeliest first; `run`: as a command names it."""
-    run = shlex.quote(run)
-    show = ("read what happened in it", f"spinbench runs show {run}")
+    from rig.runlog.folder import WIRE
+
+    show = ("read what happened in it", f"spinbench runs show {shlex.quote(run)}")
     if state != "finished":
-        again = ("take the levels that are left", f"spinbench sweep {shlex.quote(start.bench)} --continue {run}")
+        words = ["spinbench", "sweep", bench_named(start), "--continue", run if run == "last" else folder.name]
+        again = ("take the levels that are left", shlex.join([*words, *(kept_in(folder) if run != "last" else [])]))
         return [show, *([again] if start.kind == "sweep" else [])]
-    parents = "" if start.kind in ("sweep", "manual") else " --with-parents"
-    return [
+    run = shlex.quote(run)
+    parents = " --with-parents" if start.goes_on_from else ""
+    asked = [
         ("ask whether the model explains it", f"spinbench diagnose {run}{parents} -o out/diagnosis"),
-        ("find f_overall and how sure it is", f"spinbench fit {run} -o out/fit"),
-        ("see that its bytes give the same readings", f"spinbench replay {run}"),
-        show,
+        ("find f_overall and how sure it is", f"spinbench fit {run}{parents} -o out/fit"),
     ]
+    is_alone = start.kind in ("coast-down", "spin-up", "zero", "plateaus") and not parents
+    replay = ("see that its bytes give the same readings", f"spinbench replay {run}")
+    return [*([] if is_alone else asked), *([replay] if (folder / WIRE).is_file() else []), show]
+
+
+def bench_named(start: StartRecord, *typed: str) -> str:
+    """The bench of a run, as a command names it; BENCH where the file that it was made with is not found.
+
+    `typed`: how else it may be named, the best first.
+    """
+    from rig.bench.bench import BENCH_SOURCE, bench_path
+    from rig.runlog.folder import sha256_of
+
+    kept = start.sources.get(BENCH_SOURCE)
+    for word in filter(None, (*typed, start.bench)):
+        path = bench_path(Path(word))
+        if kept is not None and path.is_file() and sha256_of(path) == kept.sha256:
+            return word
+    return "BENCH"
+
+
+def kept_in(run: Path) -> list[str]:
+    """The option that says in which folder a run lies; nothing where it is the usual one."""
+    from spinbench.cli.options import LOGS
+
+    folder, here = run.resolve().parent, Path.cwd()
+    if folder == LOGS.resolve():
+        return []
+    return ["--logs", str(folder.relative_to(here) if folder.is_relative_to(here) else folder)]
 
 
 def _is_empty(logs: Path) -> bool:

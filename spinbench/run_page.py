@@ -82,6 +82,6 @@ def _told(run: Run, notes: list[str], why_not: str) -> Told:
         how,
         run.state == "finished",
         [*wrong[:MOST_WRONG], *(more if len(wrong) > MOST_WRONG else [])],
-        after(run.start, run.state, str(run.folder)),
+        after(run.folder, run.start, run.state, str(run.folder)),
         why_not,
     )

@@ -9,10 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rig.bench.bench import BENCH_SOURCE
 from rig.readings import NS, Event, Exchange, Quality, Reading
 from rig.runlog import AmbientRecord, RunWriter, StartRecord
 from rig.runlog.folder import END, sha256_of
 from rig.runlog.schema import ChannelRecord, ClockRecord, DeviceRecord
+from rig.runlog.start import source
 from tests.declared import FIGURES
 
 UTC_START_NS = 1_780_000_000 * NS
@@ -31,6 +33,11 @@ ROLES = {
 }
 PERIOD_S = 0.1
 DWELL = 30  # readings of a plateau
+
+
+def made_with(file: Path) -> dict[str, Any]:
+    """What a start record keeps of a bench file."""
+    return {"bench": file.stem, "sources": {BENCH_SOURCE: source(file.read_bytes())}}
 
 
 def start_of(kind: str = "sweep", **changes: Any) -> StartRecord:

@@ -13,6 +13,7 @@ from rig.runlog.folder import A_FILE, PLATEAUS, SAMPLES, START, RunError, is_loc
 from rig.runlog.lines import whole_lines
 from rig.runlog.plateaus import QUANTITIES, Mean, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN, Run, read_end, read_start, state_of
+from rig.runlog.rows import utc_ns, utc_text
 from rig.runlog.schema import ended
 
 SHOWN_EVENTS = 40
@@ -38,12 +39,24 @@ class RunRow:
 
 def list_runs(root: Path) -> list[RunRow]:
     """The runs of a folder, oldest first; other folders in it are passed over. Raises RunError where it is a file."""
+    return [_row(folder) for folder in sorted(_folders(root), key=age_of)]
+
+
+def _folders(root: Path) -> list[Path]:
     if not root.is_dir():
         if root.exists():
             raise RunError(f"{root}: {A_FILE}")
         return []
-    folders = [entry for entry in root.iterdir() if entry.is_dir() and (entry / START).exists()]
-    return [_row(folder) for folder in sorted(folders)]
+    return [entry for entry in root.iterdir() if entry.is_dir() and (entry / START).exists()]
+
+
+def age_of(folder: Path) -> tuple[str, str]:
+    """What runs are in order by: when each began, as names have it, then the name; that alone if it cannot be read."""
+    try:
+        begun = utc_text(utc_ns(read_start(folder).utc_start))
+    except (ValueError, OverflowError):
+        return folder.name, folder.name
+    return begun.replace("-", "").replace(":", "").replace("T", "-"), folder.name
 
 
 def _row(folder: Path) -> RunRow:
@@ -69,22 +82,22 @@ def _lines(path: Path) -> int:
 def find_run(name: str | Path, root: Path) -> Path:
     """A run's folder, by its path, its name, or the beginning of its name.
 
-    `name`: what the person typed; ``last`` is the newest run.
+    `name`: what the person typed; ``last`` is the run that began last.
     Raises RunError when there is no such run, or more than one.
     """
     path = Path(name)
     if (path / START).exists() or len(path.parts) > 1:
         return path
-    found = [row.name for row in list_runs(root) if str(name) == "last" or row.name.startswith(str(name))]
-    if str(name) == "last" and found:
-        return root / found[-1]
+    folders = _folders(root)
+    if str(name) == "last" and folders:
+        return max(folders, key=age_of)
+    found = sorted(folder.name for folder in folders if folder.name.startswith(str(name)))
     if str(name) in found or len(found) == 1:
         return root / (str(name) if str(name) in found else found[0])
     if found:
-        raise RunError(
-            f"{len(found)} runs in {root} begin with '{name}': {', '.join(found[:10])}; type more of the name"
-        )
-    if not list_runs(root):
+        names = ", ".join(shown(one, 100) for one in found[:10])
+        raise RunError(f"{len(found)} runs in {root} begin with '{name}': {names}; type more of the name")
+    if not folders:
         raise RunError(f"there is no run in {root} yet; take one, or say with --logs where runs are")
     raise RunError(f"no run in {root} is called '{name}'; `spinbench runs list` shows those there are")
 

@@ -14,7 +14,7 @@ from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import NS
 from rig.recording.mistakes import shown
 from rig.runlog import Run, RunError, columns_of, read_run
-from rig.runlog.listing import find_run
+from rig.runlog.folder import START
 from rig.runlog.phases import captures
 from rig.runlog.plateaus import PlateauRow
 from rig.sweep.judge import AT_REST_RPM
@@ -35,16 +35,18 @@ class Taken:
     plateaus: tuple[Plateau, ...] = ()
 
 
-def taken(run: Run, bench: Bench, logs: Path) -> Taken:
+def taken(run: Run, bench: Bench, logs: Path, motor_serial: str | None = None) -> Taken:
     """What a run, and the runs that it continues, have taken.
 
-    Raises RunError when the run is of another bench or another sweep, or of no sweep at all.
+    `motor_serial`: of the motor that is on the bench; the bench file's when left out.
+    Raises RunError when one is of another bench, motor or sweep, or of no sweep at all.
     """
     steps: list[Step] = []
     kinds: set[str] = set()
     plateaus: list[Plateau] = []
     for at in _back_from(run, logs):
         _check(at, bench)
+        refuse_another_motor(at, bench, motor_serial)
         steps += [
             Step(plateau.level_bar_abs, plateau.direction, plateau.repeat)
             for plateau in _believed(at)
@@ -71,7 +73,19 @@ def _back_from(run: Run, logs: Path) -> Iterator[Run]:
     while at is not None and at.name not in seen and len(seen) < MOST_PARENTS:
         yield at
         seen.add(at.name)
-        at = read_run(find_run(at.start.parent, logs)) if at.start.parent else None
+        at = _parent_of(at, logs)
+
+
+def _parent_of(run: Run, logs: Path) -> Run | None:
+    """The run that a run followed; by its whole name, for another's may begin with it."""
+    name = run.start.goes_on_from
+    if not name:
+        return None
+    if Path(name).name != name or not (logs / name / START).is_file():
+        raise RunError(
+            f"{run.name} goes on from '{shown(name, 100)}', which is not in {logs}; put it there, or start anew"
+        )
+    return read_run(logs / name)
 
 
 def refuse_another_motor(run: Run, bench: Bench, motor_serial: str | None = None) -> None:

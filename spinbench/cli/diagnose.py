@@ -15,8 +15,9 @@ import typer
 from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
-from spinbench.cli.show import check_places, deliver, own_stem, remark, write_report
-from spinbench.earlier import RECORDINGS, Earlier, made_of, read_earlier
+from spinbench.cli.show import check_places, deliver, folder_of, own_stem, remark, write_report
+from spinbench.earlier import PER_RECORDING, RECORDINGS, Earlier, made_of, read_earlier
+from spinbench.next_steps import bench_named, kept_in
 from spinbench.progress import diagnosing
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ ResumeOption = Annotated[
     typer.Option(
         "--continue",
         metavar="OUT",
-        help="Go on with the diagnosis in this folder: its recordings, and those given now.",
+        help="Go on with the diagnosis in this folder, or file: its recordings, and those given now.",
     ),
 ]
 
@@ -76,11 +77,14 @@ def diagnose(
     earlier = None if resume is None else read_earlier(resume)
     before = earlier.recordings if earlier else []
     among_many = earlier is not None or hold_out is not None
-    new = readings.all_named(recording, logs, parents, among_many, before)
+    named = [readings.folder_named(one, logs) for one in recording]  # once: another run may begin meanwhile
+    new = readings.all_named(named, logs, parents, among_many, before)
+    own_words = _words_of(named[-1])
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs), among_many=True)
     readings.refuse_twice([*before, *new], unseen)
     parts = without([*(earlier.parts if earlier else []), *new], left_out or [])
-    sharing = own_of_each(options.ids_in(per_recording), len(parts))
+    asked = [*(earlier.document.per_recording if earlier else []), *options.ids_in(per_recording)]
+    sharing = own_of_each(asked, len(parts))
     given = as_given(parts, apart=bool(sharing.own))
     promise = _promised(earlier, new, resume)
     remark(*readings.warnings_in([one for one in (*given, unseen) if one is not None]))
@@ -88,32 +92,35 @@ def diagnose(
     with diagnosing() as tell:
         processes = workers or min(2, os.cpu_count() or 1)
         diagnosis = look(read, seed, tell, unseen, processes, [promise] if promise else [], sharing)
-        diagnosis = _on_its_bench(diagnosis, readings.folder_named(recording[-1], logs), logs)
+        diagnosis = _in_own_words(diagnosis, *own_words)
         found = as_json(diagnosis)
         found["promised"] = [*(earlier.promised if earlier else []), *found["promised"]]
-        found[RECORDINGS] = made_of(earlier, new, left_out or [], out)
-        data = files.json_bytes(found)
+        found[RECORDINGS] = made_of(earlier, new, left_out or [], out or Path())
+        found |= {PER_RECORDING: sorted(sharing.own)} if sharing.own else {}
         page, table, words = _told_by(found)
         if out is not None:
             tell("report")
-            write_report(out, {JSON: data} | _pages(page, diagnosis, found), JSON)
-    deliver(data, [table(found)], json_file)
+            write_report(out, {JSON: files.json_bytes(found)} | _pages(page, diagnosis, found), JSON)
+    there = made_of(earlier, new, left_out or [], folder_of(json_file))
+    deliver(files.json_bytes(found | {RECORDINGS: there}), [table(found)], json_file)
     print(words.sentence(found), file=sys.stderr)
     _warn(found, diagnosis)
     _tell_how_it_went(unseen, found, diagnosis.seconds, out, len(given))
 
 
-def _on_its_bench(diagnosis: Diagnosis, folder: Path, logs: Path) -> Diagnosis:
-    """A diagnosis whose tests are commands of the bench and the run that it is of, where those are known."""
-    from rig.bench.bench import bench_path
+def _words_of(folder: Path) -> tuple[str, str]:
+    """How commands name the bench that a recording is of, and the run as an option; BENCH where it is not known."""
     from rig.runlog.folder import START
     from rig.runlog.reader import read_start
 
     start = read_start(folder) if (folder / START).is_file() else None
     if start is None or start.imported or start.kind == "import":
-        return diagnosis
-    bench = shlex.quote(start.bench) if bench_path(Path(start.bench)).is_file() else "BENCH"
-    after = f"--after {folder.name}" + (f" --logs {shlex.quote(str(logs))}" if logs != options.LOGS else "")
+        return "BENCH", ""
+    return shlex.quote(bench_named(start)), shlex.join(["--after", folder.resolve().name, *kept_in(folder)])
+
+
+def _in_own_words(diagnosis: Diagnosis, bench: str, after: str) -> Diagnosis:
+    """A diagnosis whose tests are commands of the bench and the run that it is of."""
     tests = [
         replace(one, capture=one.capture and replace(one.capture, bench=bench, after=after))
         for one in diagnosis.next_tests

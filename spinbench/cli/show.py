@@ -166,6 +166,11 @@ def deliver(data: bytes, tables: Iterable[object], json_file: Path | None) -> No
         on_terminal(*tables, width=WIDTH_OF_FIGURES)
 
 
+def folder_of(json_file: Path | None) -> Path:
+    """The folder that JSON is written to, whose paths are as seen from there."""
+    return Path() if json_file is None or str(json_file) == "-" else json_file.parent
+
+
 def takes_output(data: bytes, json_file: Path | None) -> bool:
     """Write JSON where it was asked for; whether that was standard output."""
     from rig.recording import files

@@ -77,8 +77,8 @@ def sweep(
     from rig.sweep.ambient import Given
 
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
-    parent = readings.run_named(resume, logs) if resume else None
-    course = partial(_what_is_missing, parent, logs)
+    parent = _among("--continue", resume, logs) if resume else None
+    course = partial(_what_is_missing, parent, logs, motor_serial)
     server = server_of(conceal, conceal_seed, only, key)
     by = (operator, motor_serial, note, *_before(parent))
     _take(bench, given, course, Wanted("sweep", logs, *by, wire, rate, server), check, page, (conceal, key))
@@ -122,7 +122,7 @@ def capture(
     from rig.sweep.ambient import Given
 
     _refuse_what_it_has_not(kind, level_bar_abs, plateaus)
-    parent = None if after is None else _among(after, logs)
+    parent = None if after is None else _among("--after", after, logs)
     given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
 
     times = PLATEAUS if plateaus is None else plateaus
@@ -159,12 +159,14 @@ def _one_capture(
     return replace(capture_course(bench, ambient, kind, level_bar_abs, times), known=known), []
 
 
-def _what_is_missing(parent: Run | None, logs: Path, bench: Bench, ambient: Ambient) -> tuple[Course, list[str]]:
+def _what_is_missing(
+    parent: Run | None, logs: Path, motor_serial: str | None, bench: Bench, ambient: Ambient
+) -> tuple[Course, list[str]]:
     """A sweep of what the run before did not take."""
     from rig.sweep.continuing import Taken, taken
     from rig.sweep.planning import sweep_course
 
-    have = taken(parent, bench, logs) if parent else Taken()
+    have = taken(parent, bench, logs, motor_serial) if parent else Taken()
     return sweep_course(bench, ambient, have.steps, have.captures, have.plateaus)
 
 
@@ -181,11 +183,11 @@ def _before(parent: Run | None) -> tuple[str | None, str | None]:
     return parent.name, parent.start.seal if "seal" in parent.start.model_fields_set else None
 
 
-def _among(name: str, logs: Path) -> Run:
-    """The run that a capture is taken after; it is kept beside it, so that it is found again."""
+def _among(option: str, name: str, logs: Path) -> Run:
+    """The run that another one goes on from; it is kept beside it, so that it is found again."""
     found = readings.run_named(name, logs)
     if found.folder.resolve().parent != logs.resolve():
-        raise typer.BadParameter(f"--after {name}: it is not in {logs}, where this run is kept; say --logs")
+        raise typer.BadParameter(f"{option} {name}: it is not in {logs}, where this run is kept; say --logs")
     return found
 
 

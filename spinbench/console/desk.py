@@ -12,7 +12,7 @@ from typing import Any
 
 from rig.bench.bench import FOLDER, Bench
 from rig.runlog import RunError
-from rig.runlog.folder import END, START, is_locked
+from rig.runlog.folder import END, is_locked
 from rig.runlog.reader import BEING_WRITTEN, read_end, read_start, state_of
 from rig.runlog.tail import Tail
 from rig.sweep.capture import level_of
@@ -135,11 +135,6 @@ class Desk:
             self.sweeps.forget_refusal()
         return going_on[-1] if going_on else next(stopping.runs_of_benches(self.logs), None)
 
-    def _folders(self) -> list[Path]:
-        """The runs in the logs folder, newest first."""
-        found = [one for one in self.logs.iterdir() if (one / START).is_file() and not one.is_symlink()]
-        return sorted(found, key=lambda one: one.name, reverse=True)
-
     def _follow_stops(self) -> None:
         for one in self._stops:
             showing = self.showing
@@ -246,7 +241,7 @@ class Desk:
 
     def runs(self) -> list[dict[str, Any]]:
         """The runs in the logs folder, newest first, with their reports."""
-        folders = self._folders()[:SHOWN_RUNS]
+        folders = stopping.newest_first(self.logs)[:SHOWN_RUNS]
         return [_row(folder) | {"tests": recommended(self.logs, folder.name, self.bench)} for folder in folders]
 
 

@@ -5,6 +5,7 @@ docs/safety.md, the operator's stop: it vents the line and seals the run. Nothin
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import time
@@ -15,6 +16,7 @@ from typing import Any
 
 from rig.runlog import RunError, StartRecord
 from rig.runlog.folder import END, START, is_locked, writer_of
+from rig.runlog.listing import age_of
 from rig.runlog.reader import read_start
 from rig.runlog.tail import SET_POINT, STATE, Tail
 from spinbench.console.words import CLOSE_SUPPLY, is_imported
@@ -23,17 +25,18 @@ CONFIRMED_WITHIN_S = 5.0  # of the wall; then NOT DELIVERED is shown, and put ri
 MEASURED = ("sweep", "coast-down", "spin-up", "zero", "plateaus", "manual")  # kinds that have a bench
 ENDING = ("vent", "aborted", "failed", "done")  # states: in a capture zero is ordered too, and the run goes on
 LATEST_RUNS = 50  # that are looked at
+_age_of = functools.cache(age_of)  # they are looked for twice a second
 
 
 def being_written(logs: Path) -> list[Path]:
     """The runs on a bench that a program writes now, oldest first."""
-    open_ones = [one for one in _latest(logs) if not (one / END).exists() and is_locked(one)]
+    open_ones = [one for one in newest_first(logs)[:LATEST_RUNS] if not (one / END).exists() and is_locked(one)]
     return [one for one in reversed(open_ones) if _is_of_a_bench(read_start(one))]
 
 
 def runs_of_benches(logs: Path) -> Iterator[Path]:
     """The latest runs that were taken on a bench, newest first: no imports. One that cannot be read counts."""
-    for one in _latest(logs):
+    for one in newest_first(logs)[:LATEST_RUNS]:
         try:
             is_of_a_bench = _is_of_a_bench(read_start(one))
         except RunError:
@@ -42,11 +45,12 @@ def runs_of_benches(logs: Path) -> Iterator[Path]:
             yield one
 
 
-def _latest(logs: Path) -> list[Path]:
+def newest_first(logs: Path) -> list[Path]:
+    """The runs of a folder by when they began, whatever they were called since."""
     if not logs.is_dir():
         return []
-    names = sorted((entry for entry in logs.iterdir() if entry.is_dir()), reverse=True)[:LATEST_RUNS]
-    return [one for one in names if (one / START).is_file() and not one.is_symlink()]
+    found = (one for one in logs.iterdir() if (one / START).is_file() and not one.is_symlink())
+    return sorted(found, key=_age_of, reverse=True)
 
 
 def _is_of_a_bench(start: StartRecord) -> bool:

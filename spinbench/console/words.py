@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from rig.runlog import StartRecord
@@ -12,6 +11,7 @@ from rig.runlog.reader import BEING_WRITTEN, KILLED
 from rig.runlog.schema import ended
 from rig.runlog.tail import SET_POINT, STATE, Tail
 from rig.sweep.machine import VENT_TIMEOUT_S
+from spinbench.next_steps import bench_named, kept_in
 
 # Of each state: what happens in it, and what it waits for.
 STATES = {
@@ -135,15 +135,14 @@ def guidance_for(kind: str, tail: Tail) -> str:
 
 def _continuing(tail: Tail, bench: str) -> str:
     """The command that takes the levels that are left."""
-    root = tail.folder.parent
-    words = ["spinbench", "sweep", bench or tail.start.bench, "--continue", tail.folder.name]
-    return shlex.join([*words, *(["--logs", str(root)] if root != Path("logs") else [])])
+    words = ["spinbench", "sweep", bench_named(tail.start, bench), "--continue", tail.folder.name]
+    return shlex.join([*words, *kept_in(tail.folder)])
 
 
 def after_the_end(tail: Tail, bench: str = "") -> tuple[str, str] | None:
     """What the end of a run asks of a person, and what to do; None where it asks nothing.
 
-    `bench`: the bench as it is typed; its name where empty.
+    `bench`: as the bench of the console is typed; empty where its name is enough.
     """
     badge = _ended(tail)
     end = tail.end

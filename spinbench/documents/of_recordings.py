@@ -179,7 +179,10 @@ class Noise(Document):
 
 
 class Diagnosis(Document):
-    """diagnosis/1: what `spinbench diagnose` writes. From `rig` on: of machines that are not the article's motor."""
+    """diagnosis/1: what `spinbench diagnose` writes. From `rig` on: of machines that are not the article's motor.
+
+    `per_recording`: ids of effects whose sizes were asked to be each recording's own.
+    """
 
     format: Literal["diagnosis/1"]
     verdict: Literal["consistent", "named", "confounded", "unresolved"]
@@ -202,6 +205,7 @@ class Diagnosis(Document):
     why: str
     files: list[FileRows]
     recordings: list[MadeOf] = Field(default_factory=list)
+    per_recording: list[str] = Field(default_factory=list)
     rig: str = ""
     left: Left | None = None
     nuisances: dict[str, Nuisance] = Field(default_factory=dict)
@@ -213,6 +217,7 @@ class GoneOnWith(Document):
     """What `diagnose --continue` reads of a diagnosis/1."""
 
     recordings: list[MadeOf]
+    per_recording: list[str] = Field(default_factory=list)
     next_tests: list[NextTest]
     rivals: list[Rival] = Field(default_factory=list)
     promised: list[Kept] = Field(default_factory=list)

@@ -39,7 +39,19 @@ def test_a_killed_run_is_sealed_first(tmp_path, seal, first):
     assert commands(tmp_path)[0].startswith(first)
 
 
+@pytest.mark.parametrize("parent", ["a_sweep", None])
+def test_a_capture_is_fitted_with_what_it_was_taken_after_and_not_alone(tmp_path, parent):
+    with RunWriter.create(tmp_path, start_of("coast-down", parent=parent), wire=False) as writer:
+        writer.end("finished")
+    words = [command for command in commands(tmp_path) if "diagnose" in command or "fit" in command]
+    asked = [
+        f"spinbench {name} last --with-parents -o out/{to}" for name, to in (("diagnose", "diagnosis"), ("fit",) * 2)
+    ]
+    assert words == (asked if parent else [])
+    assert not any("replay" in command for command in commands(tmp_path))  # its bytes were not kept
+
+
 def test_a_stopped_sweep_is_looked_at_and_gone_on_with(tmp_path):
     with RunWriter.create(tmp_path, start_of()) as writer:
         writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
-    assert commands(tmp_path)[:2] == ["spinbench runs show last", "spinbench sweep synthetic --continue last"]
+    assert commands(tmp_path)[:2] == ["spinbench runs show last", "spinbench sweep BENCH --continue last"]

@@ -7,9 +7,10 @@ import pytest
 
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.likelihood.expected import Capture
+from rig.bench.bench import FOLDER
 from rig.runlog import RunWriter
-from spinbench.cli import diagnose, options
-from tests.synthetic_runs import start_of
+from spinbench.cli import diagnose
+from tests.synthetic_runs import made_with, start_of
 
 TEST = NextTest("a coast-down", (("windage",),), 3.0, capture=Capture("coast-down", 1.7, 0.015))
 COMMAND = "--kind coast-down --level-bar-abs 1.7 --added-inertia-kg-m2 0.015"
@@ -20,24 +21,42 @@ class Told:
     next_tests: list[NextTest] = field(default_factory=lambda: [TEST, replace(TEST, capture=None)])
 
 
-def commands_of(folder, logs):
-    return [one.capture and one.capture.command for one in diagnose._on_its_bench(Told(), folder, logs).next_tests]
+def commands_of(folder):
+    told = diagnose._in_own_words(Told(), *diagnose._words_of(folder))
+    return [one.capture and one.capture.command for one in told.next_tests]
 
 
-@pytest.mark.parametrize(("bench", "word"), [("virtual", "virtual"), ("somebody's own", "BENCH")])
-def test_of_a_run_it_names_the_bench_where_that_is_found_and_the_run_and_its_folder(tmp_path, bench, word):
-    with RunWriter.create(tmp_path / "lo gs", start_of(bench=bench)) as writer:
+@pytest.mark.parametrize("bench", ["virtual", "edited", "lost"])
+def test_of_a_run_it_names_the_bench_where_its_file_is_found_and_the_run_and_its_folder(bench, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / f"{bench}.toml" if bench == "lost" else tmp_path / "virtual.toml"
+    own.write_text((FOLDER / "virtual.toml").read_text() + "# mine\n" * (bench == "edited"))
+    with RunWriter.create(tmp_path / "lo gs", start_of(**made_with(own))) as writer:
         writer.end("finished")
+    word = "virtual" if bench == "virtual" else "BENCH"
     run = writer.folder
-    assert commands_of(run, tmp_path / "lo gs") == [
-        f"spinbench capture {word} {COMMAND} --after {run.name} --logs '{tmp_path / 'lo gs'}'",
+    assert commands_of(run) == [
+        f"spinbench capture {word} {COMMAND} --after {run.name} --logs 'lo gs'",
         None,
     ]
-    assert commands_of(run, options.LOGS)[0].endswith(f"--after {run.name}")
+
+
+def test_the_folder_of_the_runs_is_named_where_it_is_not_the_usual_one(tmp_path, monkeypatch):
+    with RunWriter.create(tmp_path / "logs", start_of(**made_with(FOLDER / "virtual.toml"))) as writer:
+        writer.end("finished")
+    run = writer.folder.rename(writer.folder.parent / "a run")
+    for here, named, option in (
+        (tmp_path, run, ""),
+        (tmp_path, Path("logs") / run.name, ""),
+        (run.parent, Path(run.name), " --logs ."),
+        (run, Path(), f" --logs {run.parent}"),
+    ):
+        monkeypatch.chdir(here)
+        assert commands_of(named)[0].endswith(f" --after 'a run'{option}")
 
 
 def test_of_a_recording_or_an_import_the_bench_is_not_known(tmp_path):
     with RunWriter.create(tmp_path, start_of("import", imported={"title": "a table"})) as writer:
         writer.end("finished")
     for folder in (writer.folder, Path("recording")):
-        assert commands_of(folder, options.LOGS)[0] == f"spinbench capture BENCH {COMMAND}"
+        assert commands_of(folder)[0] == f"spinbench capture BENCH {COMMAND}"

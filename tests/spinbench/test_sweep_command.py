@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from rig.bench.bench import read_bench
 from rig.plateaus.plan import Step
 from rig.plateaus.plateau import Mean, Plateau
 from rig.run import running
 from rig.sweep.runner import Outcome
 from rig.virtual.launch import VirtualBenchError
 from spinbench.cli import sweep
+from tests.synthetic_runs import write_sweep
 
 HUNGRY = "a virtual bench at 20 times real time needs a machine that has time for it: try a lower --rate"
 
@@ -50,6 +52,25 @@ def test_the_command_that_goes_on_keeps_the_switches(ending, spinbench_here, tmp
     assert result.returncode == 4
     assert words[:5] == ["spinbench", "sweep", "virtual", "--continue", "the_run"]
     assert set(words[5:]) == {"--no-page", "--no-check", "--no-wire"}
+
+
+def test_a_sweep_of_another_motor_is_not_gone_on_with(spinbench_here, tmp_path):
+    bench = read_bench("virtual")
+    changes = {"bench": "virtual", "sweep": bench.file.sweep.model_dump(), "motor_serial": "A-17"}
+    run = write_sweep(tmp_path / "logs", captures=False, **changes)
+    result = spinbench_here("sweep", "virtual", "--continue", "last", "--motor-serial", "B-2", cwd=tmp_path)
+    assert result.returncode == 2
+    assert f"{run.name} is of the motor ptm3600 no. A-17, not of the motor ptm3600 no. B-2" in result.stderr
+    assert list((tmp_path / "logs").iterdir()) == [run]
+
+
+def test_a_sweep_goes_on_from_a_run_in_its_own_folder(spinbench_here, tmp_path):
+    run = write_sweep(tmp_path / "elsewhere", captures=False)
+    result = spinbench_here("sweep", "virtual", "--continue", run, cwd=tmp_path)
+    assert result.returncode == 2
+    said = " ".join(result.stderr.replace("│", " ").split())
+    assert "it is not in logs, where this run is kept; say --logs" in said
+    assert not (tmp_path / "logs").exists()
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ def why_not(wanted: Sequence[Capture], taken: Recording) -> str:
 
 def _lacks(file: RecordingFile) -> str:
     """What a file lacks to be a test that is told; empty of one that lacks nothing."""
-    if file.kind == "transient" and "supply_open" not in file.columns:
+    if file.kind == "transient" and file.is_open is None:
         return "column supply_open"
     return "reading of the pressure" if file.kind != "zero" and not _levels(file, 0.0).size else ""
 

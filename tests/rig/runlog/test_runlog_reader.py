@@ -376,6 +376,23 @@ def test_a_run_is_found_by_the_beginning_of_its_name(tmp_path):
         find_run("x", tmp_path)
 
 
+def test_the_last_run_is_the_one_that_began_last_whatever_it_is_called(tmp_path, spinbench_here):
+    logs = tmp_path / "logs"
+    for second, name in ((1, "seal_test"), (2, ""), (2, "b_tie"), (0, "zero")):
+        with RunWriter.create(logs, start_of(utc_start=f"2026-05-28T20:26:4{second}+00:00")) as writer:
+            writer.end("finished")
+        writer.folder.rename(logs / (name or writer.name))
+    order = ["zero", "seal_test", "20260528-202642_synthetic_sweep", "b_tie"]
+    assert [row.name for row in list_runs(logs)] == order
+    assert spinbench_here("runs", "show", "last", cwd=tmp_path).stdout.startswith("b_tie: ")
+    for name in ("zero", "b_tie"):  # where no start can be read, the name says when
+        (logs / name / "start.json").write_text("{")
+        (logs / name).rename(logs / f"20260528-202641_{name}")
+    rows = [row.name for row in list_runs(logs)]
+    assert rows == ["seal_test", "20260528-202641_b_tie", "20260528-202641_zero", order[2]]
+    assert find_run("last", logs).name == order[2]
+
+
 def test_the_summary_shows_plateaus_faults_and_the_end(tmp_path):
     with RunWriter.create(tmp_path, start_of(operator="\x1b[31mEve")) as writer:
         Bench(writer).plateau(1, (2.0, 55.0, 394.8), "up", settled=False, note="drifting")

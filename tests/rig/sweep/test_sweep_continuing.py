@@ -38,6 +38,15 @@ def test_the_parents_of_the_parent_count_too(tmp_path):
     assert len(taken(second, BENCH, tmp_path).steps) == 2 * len(taken(first, BENCH, tmp_path).steps)
 
 
+def test_a_parent_is_found_by_its_whole_name(tmp_path):
+    """Others begin with it: those that were begun in the same second, or a copy."""
+    first = run_of(tmp_path)
+    second = run_of(tmp_path, parent=first.name)
+    first.folder.rename(tmp_path / f"{first.name}-copy")
+    with pytest.raises(RunError, match=f"{second.name} goes on from '{first.name}', which is not in .*; put it there"):
+        taken(second, BENCH, tmp_path)
+
+
 @pytest.mark.parametrize(("outcome", "fewer"), [("failed", 2), ("aborted", 0)])
 def test_plateaus_at_which_a_tachometer_had_died_are_taken_again(tmp_path, outcome, fewer):
     level, dead = SYNTHETIC_LEVELS[0], {"speed_rpm": 0.0, "speed_rpm_se": 0.0}
@@ -54,6 +63,7 @@ def test_plateaus_at_which_a_tachometer_had_died_are_taken_again(tmp_path, outco
     ("changes", "words"),
     [
         ({"bench": "lab"}, "is of the bench 'lab', not of 'virtual'"),
+        ({"motor": "ptm1800"}, "is of the motor ptm1800, not of the motor ptm3600, which is on the bench now"),
         ({"kind": "zero"}, "only a sweep is continued"),
         ({"sweep": SWEEP | {"levels_bar_abs": [1.5]}}, "another sweep: levels_bar_abs differ"),
     ],
@@ -61,6 +71,15 @@ def test_plateaus_at_which_a_tachometer_had_died_are_taken_again(tmp_path, outco
 def test_a_run_of_something_else_is_not_continued(tmp_path, changes, words):
     with pytest.raises(RunError, match=words):
         taken(run_of(tmp_path, **changes), BENCH, tmp_path)
+
+
+@pytest.mark.parametrize("which", ["parent", "its parent"])
+def test_a_run_of_another_motor_is_not_continued(tmp_path, which):
+    first = run_of(tmp_path, motor_serial="A-17")
+    run = first if which == "parent" else run_of(tmp_path, parent=first.name)
+    assert taken(run, BENCH, tmp_path, "A-17").steps
+    with pytest.raises(RunError, match=r"is of the motor ptm3600 no\. A-17, not of the motor ptm3600 no\. B-2, which"):
+        taken(run, BENCH, tmp_path, "B-2")
 
 
 def test_captures_that_are_there_are_not_taken_again():

@@ -1,5 +1,6 @@
 """The console's own state: what became of a start, which run is shown, and what a person is told to type."""
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -10,9 +11,10 @@ from rig.runlog import RunWriter
 from spinbench.console import sweeps
 from spinbench.console.desk import Desk, Showing
 from spinbench.console.planned import Planned
+from spinbench.console.stopping import being_written
 from spinbench.next_steps import next_steps
 from tests.console_lab import short_bench
-from tests.synthetic_runs import start_of, write_sweep
+from tests.synthetic_runs import made_with, start_of, write_sweep
 from tests.waiting import wait_for
 
 SWEEP = Planned("sweep")
@@ -106,6 +108,19 @@ def test_the_run_shown_is_the_newest_of_a_bench_and_never_an_import_by_itself(de
     assert [offered[one.folder.name] for one in (writer, later)] == [False, True]
 
 
+def test_runs_that_were_renamed_do_not_hide_the_one_that_goes_on(desk):
+    """STOP finds it too."""
+    with RunWriter.create(desk.logs, start_of(utc_start="2026-05-27T09:00:00Z")) as writer:
+        writer.end("finished", vented=True)
+    for n in range(60):
+        shutil.copytree(writer.folder, desk.logs / f"seal_test_{n}")
+    with RunWriter.create(desk.logs, start_of()) as going_on:
+        desk.follow()
+        assert desk.showing.tail.folder == going_on.folder
+        assert [row["name"] for row in desk.runs()][:2] == [going_on.name, "seal_test_9"]
+        assert being_written(desk.logs) == [going_on.folder]
+
+
 def test_figures_of_a_replay_are_marked_as_past(tmp_path):
     replay = Showing(write_sweep(tmp_path), replay=1e5)
     replay.follow()
@@ -114,7 +129,7 @@ def test_figures_of_a_replay_are_marked_as_past(tmp_path):
 
 
 def test_what_is_to_be_typed_after_a_stop_names_the_bench_file_that_the_console_was_given(desk):
-    with RunWriter.create(desk.logs, start_of(bench=desk.bench.name)) as writer:
+    with RunWriter.create(desk.logs, start_of(**made_with(desk.sweeps.path))) as writer:
         writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
     desk.follow()
     (alarm,) = desk.facts(desk.showing, 0.0)["alarms"]
