@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spinbench.next_steps import after
+from spinbench.next_steps import after, kept_in
 
 if TYPE_CHECKING:
     from calibration.report.run.page import Told
@@ -75,7 +76,8 @@ def _told(run: Run, notes: list[str], why_not: str) -> Told:
             wrong.append(said if event.event == "warning" else f"{event.event}: {said}")
     wrong += [note for note in notes if not note.startswith(("simulated: ", "the run is "))]
     wrong = list(dict.fromkeys(wrong))
-    more = [f"and {len(wrong) - MOST_WRONG} more; `spinbench runs show {run.name}` lists events"]
+    shown = shlex.join(["spinbench", "runs", "show", run.name, *kept_in(run.folder)])
+    more = [f"and {len(wrong) - MOST_WRONG} more; `{shown}` lists events"]
     return Told(
         run.name,
         f"{run.start.kind} on {run.start.bench}{', simulated' if run.start.simulated else ''}",

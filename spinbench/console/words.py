@@ -157,4 +157,5 @@ def after_the_end(tail: Tail, bench: str = "") -> tuple[str, str] | None:
     if badge.word == "stopped":
         left = f" To take the levels that are left: {_continuing(tail, bench)}" if tail.start.kind == "sweep" else ""
         return text, f"The line is vented.{left}"
-    return text, f"The line is vented. Find the cause before you go on: spinbench runs show {tail.folder.name}"
+    show = shlex.join(["spinbench", "runs", "show", tail.folder.name, *kept_in(tail.folder)])
+    return text, f"The line is vented. Find the cause before you go on: {show}"

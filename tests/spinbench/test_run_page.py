@@ -64,7 +64,8 @@ def test_the_page_leaves_the_sealed_run_as_it_was(run):
 
 def test_a_run_that_was_stopped_says_why_and_how_it_is_gone_on_with(tmp_path):
     with RunWriter.create(tmp_path, start_of()) as writer:
-        writer.event("warning", 1, text="the <b>gauge</b> fell silent")
+        for n in range(run_page.MOST_WRONG + 1):
+            writer.event("warning", 1, text=f"the <b>gauge</b> fell silent{f' again {n}' * (n > 0)}")
         writer.end("aborted", "stopped by the operator", vented=False, stopped_by="operator")
     raw = run_page.write(writer.folder).read_text()
     said = html.unescape(raw)
@@ -72,6 +73,7 @@ def test_a_run_that_was_stopped_says_why_and_how_it_is_gone_on_with(tmp_path):
     assert "Its readings were not held against the model." in said and "nothing to export" in said
     assert "the line is not known to be vented: close the supply" in said
     assert "the <b>gauge</b> fell silent" in said and "<b>" not in raw
+    assert f"`spinbench runs show {writer.folder.name} --logs {tmp_path}` lists events" in said
     assert f"spinbench sweep BENCH --continue {writer.folder.name} --logs {tmp_path}" in said
 
 

@@ -59,6 +59,10 @@ def test_every_end_has_a_word_of_its_own_and_what_to_do(tmp_path, ended, word):
         assert found["alarms"] == []
     else:
         assert found["alarms"][0]["guidance"]
+    if word == "tripped":
+        assert (
+            f"spinbench runs show {writer.folder.name} --logs {writer.folder.parent}" in found["alarms"][0]["guidance"]
+        )
     if word in ("failed", "killed"):
         assert "Close the supply by hand" in found["alarms"][0]["guidance"]
 
