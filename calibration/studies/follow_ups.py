@@ -1,10 +1,11 @@
 """What a test that a diagnosis asks for promised, against what it gave, on cases of the second rig.
 
 Each case is diagnosed. Where more than one explanation stays open, the first test that this bench can take is simulated
-as a recording of another day and given back; then once more. What is drawn is the challenge's make-up, nulls included;
-or dry friction alone, in a sweep with a spin-up and a coast-down.
+as a recording of another day and given back; then once more. What is drawn is the challenge's make-up, nulls included,
+as it comes or in a sweep alone; or dry friction alone, in a sweep with a spin-up and a coast-down.
 
     python -m calibration.studies.follow_ups -o out/follow_ups     # resumable: a case that is there is not made again
+    python -m calibration.studies.follow_ups -o out/sweeps --sweep-alone   # takes a fifth of the time
     python -m calibration.studies.follow_ups -o out/dry --dry-friction --days 0
     python -m calibration.studies.follow_ups -o out/more --first-seed 350000 --also out/follow_ups/cases.json
 """
@@ -42,8 +43,8 @@ TOLD_APART = 10.0  # nats promised, above which a promise is held against what c
 def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     """One case: its diagnosis, and those with a test of another day in them.
 
-    `argument`: ``seed`` of the draw; ``dry``, whether dry friction alone is concealed; ``days``, tests that are taken
-        at most.
+    `argument`: ``seed`` of the draw; ``dry``, whether dry friction alone is concealed; ``sweep``, whether the first
+        recording is a sweep alone; ``days``, tests that are taken at most.
     Returns ``ids`` concealed; ``D`` and ``rival`` of the first recording by the scorer, None where its diagnosis names
     or lists the truth; and ``steps``: of each diagnosis its verdict, what it is worth, and the test that was given back
     before it, with nats promised and delivered.
@@ -53,11 +54,14 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose
     from calibration.diagnosis.next_test.promised import Promise, Rival
+    from calibration.diagnosis.next_test.recommend import MOST_RIVALS
     from rig.recording import read_recording
 
     truth = draw(FAMILY, argument["seed"], "follow-ups")
     if argument["dry"]:
         truth = dry_friction_alone(truth)
+    if argument["sweep"]:
+        truth = replace(truth, with_transients=False)
     with tempfile.TemporaryDirectory() as place:
         folders = [Path(place) / "first"]
         make_recording(truth, folders[0])
@@ -69,7 +73,8 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
             test = next((one for one in found.next_tests if one.capture), None)
             if test is None or test.capture is None:
                 break
-            rivals = {one.names: Rival(one.log_evidence, one.probability) for one in found.rivals}
+            weighed = found.rivals[:MOST_RIVALS]
+            rivals = {one.names: Rival(one.log_evidence, one.probability) for one in weighed}
             promise = Promise(test.test, test.information_nats, rivals)
             folders.append(Path(place) / f"day_{day}")
             another_day(truth, asdict(test.capture), day, folders[-1])
@@ -79,6 +84,7 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
         "ids": truth.ids,
         "category": truth.category,
         "sizes": truth.sizes,
+        "sweep": not truth.with_transients,
         "D": seen["D"],
         "rival": seen["rival"],
         "steps": steps,
@@ -122,10 +128,10 @@ def _step(truth: Any, found: Any) -> dict[str, Any]:
 
 def items_of(given: argparse.Namespace, code: str) -> list[Item]:
     """Every case of a campaign."""
-    dry, days = given.dry_friction, given.days
-    mark = sha256(f"{code} {dry} {days}".encode()).hexdigest()
+    how = {"dry": given.dry_friction, "sweep": given.sweep_alone, "days": given.days}
+    mark = sha256(f"{code} {how}".encode()).hexdigest()
     return [
-        Item(f"case-{seed}", {"seed": seed, "dry": dry, "days": days}, mark)
+        Item(f"case-{seed}", {"seed": seed} | how, mark)
         for seed in range(given.first_seed, given.first_seed + given.cases)
     ]
 
@@ -143,6 +149,7 @@ def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
         "code": code,
         "codes": dict(Counter(one["code"] for one in done)),
         "cases": len(done),
+        "sweeps": sum(one["sweep"] for one in done),
         "failed": [f"{one['name']}: {one['error']}" for one in rows if one["error"]],
         "open": len(open_),
         "promises": given,
@@ -194,8 +201,9 @@ def page(found: Row) -> str:
     lines = [
         "# What tests promised, and what they gave",
         "",
-        f"{found['cases']} cases of the second rig; {found['open']} stayed open between explanations. Of those the",
-        "first test that the bench can take was simulated as a recording of another day and given back, at most twice.",
+        f"{found['cases']} cases of the second rig, {found['sweeps']} of them a sweep alone at first.",
+        f"{found['open']} stayed open between explanations. Of those the first test that the bench can take was",
+        "simulated as a recording of another day and given back, at most twice.",
         "",
         f"- Promises above {TOLD_APART:g} nats: {found['ratios']}. Delivered over promised: median "
         + (f"{found['ratio_median']:.2f}, quartiles {quartiles[0]:.2f} and {quartiles[1]:.2f}." if quartiles else "-."),
@@ -256,6 +264,7 @@ STUDY = Study(
     first_seed=300_000,
     options={
         "--cases": {"type": whole_number, "default": CASES, "help": "cases that are drawn (%(default)s)"},
+        "--sweep-alone": {"action": "store_true", "help": "without runs in time in the first recording"},
         "--days": {"type": whole_number, "default": DAYS, "help": "tests that are taken at most (%(default)s)"},
         "--dry-friction": {"action": "store_true", "help": "conceal dry friction alone, with runs in time"},
     },

@@ -21,7 +21,7 @@ from calibration.likelihood.expected import Capture, Test
 
 MOST = 4
 MOST_APART = 2  # of those that need another instrument
-MOST_RIVALS = 3
+MOST_RIVALS = 3  # explanations that a test is to tell apart; others may be open too
 LEAST_NATS = 0.1
 
 

@@ -50,13 +50,15 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
         {"ids": [], "D": 0.0, "steps": [step("right", False)]},
         {"ids": ["flow_scale"], "D": None, "steps": [step("right", True)]},
     ]
-    rows = [one | {"name": f"case-{i}", "error": "", "code": "ab"[i > 1]} for i, one in enumerate(cases)]
+    kept = [{"name": f"case-{i}", "error": "", "code": "ab"[i > 1], "sweep": i == 0} for i in range(len(cases))]
+    rows = [case | one for case, one in zip(cases, kept, strict=True)]
     found = summary([*rows, {"name": "case-9", "error": "ValueError: no"}], 1, "code")
     assert (found["cases"], found["open"], found["ratios"]) == (5, 3, 2)
     assert found["ratio_median"] == pytest.approx(0.75)
     assert (found["told_apart"], found["named_after"]) == (2, [1, 1])
     assert (found["wrong_before"], found["wrong_after"]) == (0, 1)
     words = page(found)
+    assert "5 cases of the second rig, 1 of them a sweep alone at first.\n3 stayed open" in words
     assert "median 0.75" in words and "| windage | 9.0 | truth listed, then right | a test |" in words
     assert "| below 3 | 1 missed |" in words and "| 7 and more | 2 truth listed |" in words
     assert "States of the code: 2, with 2 and 3 cases." in words
@@ -65,7 +67,7 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
 
 
 def made(argument: Mapping[str, Any]) -> dict[str, Any]:
-    return {"ids": [], "D": None, "steps": [step("right", False)], "seed": argument["seed"]}
+    return {"ids": [], "D": None, "sweep": False, "steps": [step("right", False)], "seed": argument["seed"]}
 
 
 def test_cases_of_an_earlier_campaign_count_once(tmp_path, capsys):
