@@ -50,7 +50,7 @@ def _refuse_unlike_serials(recordings: Sequence[Recording]) -> None:
 
 def _refuse_unlike_figures(one: Recording, other: Recording) -> None:
     """Refuse an instrument that would have two offsets or two scales with one serial number and calibration."""
-    for column in one.channels.keys() & other.channels.keys():
+    for column in (column for column in one.channels if column in other.channels):
         mine, its = one.channels[column], other.channels[column]
         if not mine.serial or (mine.serial, mine.calibrated) != (its.serial, its.calibrated):
             continue

@@ -66,12 +66,12 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     if not converted.columns:
         raise RunError(f"{table.place}: every cell that the mapping takes is empty")
     converted.lines = lines = [table.lines[row] for row in rows]
-    _bring_to_inlet(mapping, converted, table.place)
     for name, source in mapping.columns.items():
         if name in converted.columns and not source.differentiate and source.factor != 1.0:
             column = converted.columns[name]
             censor = column.censor if source.factor > 0.0 else -column.censor
             converted.columns[name] = Column(column.values * source.factor, censor)
+    _bring_to_inlet(mapping, converted, table.place)
     if isinstance(mapping.motor, str):
         _check(entry, converted, lines, table.place)
     if entry.kind == "transient" and "time_s" in converted.columns:

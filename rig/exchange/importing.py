@@ -20,7 +20,7 @@ from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
 from rig.recording.columns import FIGURES, MEASURED, NUMERIC, OF_CHANNEL, PRESSURE, ROLES
 from rig.recording.mistakes import shown
-from rig.recording.schema import ChannelTable, channel_of
+from rig.recording.schema import ChannelTable, channel_of, motor_of
 from rig.recording.write import PlaceError
 from rig.runlog.folder import RunError, sha256_of
 from rig.runlog.plateaus import QUANTITIES
@@ -257,7 +257,7 @@ def _start(mapping: Mapping, columns: set[str]) -> StartRecord:
         operator=file.origin.operator or "",
         note=file.origin.note or "",
         parent=file.origin.parent,
-        motor=file.motor,
+        motor=motor_of(file.motor, mapping.path.parent),
         motor_serial=file.origin.motor_serial or "",
         lubrication=file.origin.oil or "",
         ambient=AmbientRecord(**file.ambient.model_dump()),

@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -148,15 +148,18 @@ class _Compared:
         return Replayed(played, self._made, self._rows + lost, different, tuple(found), tuple(asked[:SHOWN]), tail)
 
 
-def mended_bench(run: Run, instruments: Iterable[str], folder: Path) -> Bench:
-    """The run's bench with today's files of some instruments."""
+def mended_bench(run: Run, instruments: Iterable[str], find: Callable[[str], Path | None]) -> Bench:
+    """The run's bench with today's files of some instruments.
+
+    `find`: gives the file of an instrument by its name; None where there is none.
+    """
     sources = {name: source.text.encode() for name, source in run.start.sources.items()}
     for name in instruments:
-        path = folder / f"{name}.toml"
         if instrument_source(name) not in sources:
             raise RunError(f"{run.folder}: no device of this run is a '{name}'")
-        if not path.is_file():
-            raise RunError(f"{path}: no such file")
+        path = find(name)
+        if path is None:
+            raise RunError(f"{name}.toml: no such file in the project's instruments, nor in configs/instruments")
         sources[instrument_source(name)] = path.read_bytes()
     return bench_of(run.start.bench, sources, f"{run.folder.name}: {BENCH_SOURCE}")
 

@@ -297,9 +297,10 @@ def fit(
     TypeError
         For an argument of another kind.
     ValueError
-        For settings that ask for fewer than 200 effective samples.
+        For settings that ask for fewer than 200 effective samples, and for other channels.
     """
     from calibration.fit.sampling import Settings
+    from calibration.unknowns.priors import CHANNELS
     from spinbench.api.opened import argument, at_least, listed, opened_all, said_of
     from spinbench.api.simulating import assignments_of
 
@@ -308,6 +309,8 @@ def fit(
     chosen = settings or Settings(effective_samples=0, most_steps=0)
     if chosen.effective_samples:  # 0 stands for what is usual
         at_least("settings: effective_samples", chosen.effective_samples, LEAST_EFFECTIVE)
+    if channels is not None and not {"pressure"} < set(channels) <= set(CHANNELS):
+        raise ValueError(f"channels: expected pressure with flow, speed or both; given {channels!r:.60}")
     recordings, notes = opened_all(data)
     effects, per_recording = listed("effects", effects), listed("per_recording", per_recording)
     parts, asked = prepared(recordings, chosen, assignments_of(values), channels, effects, steady_only, per_recording)

@@ -115,6 +115,7 @@ def sensitivity(
     from model.operation.sensitivity import sensitivities
     from rig.recording import files
 
+    check_places(None, json_file)
     chosen = motor_of(motor, assignments or [])
     with waiting(SOLVING):
         ranking = sensitivities(chosen, [bar * BAR for bar in pressure_bar_abs])

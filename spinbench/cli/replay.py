@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,15 +38,19 @@ def replay(
     out: Annotated[Path | None, out_folder("Where the comparison with the model goes.")] = None,
 ) -> None:
     """Play a run's bytes back through the drivers; exit code 4 unless every sample comes again, bit for bit."""
-    from configs import FOLDER
+    from configs import find
     from rig.replay.replaying import bench_of_run, mended_bench
     from rig.runlog.reader import KILLED
 
     if out is not None and not with_model:
         raise typer.BadParameter(f"-o {out} is for the comparison with the model; say --with-model too")
+    if mended and with_model:
+        raise typer.BadParameter(
+            "--with-model takes the run's own samples; keep the mended ones by --save, then replay those --with-model"
+        )
     check_places(out, None)
     read = run_named(run, logs)
-    bench = mended_bench(read, mended, FOLDER / "instruments") if mended else bench_of_run(read)
+    bench = mended_bench(read, mended, partial(find, "instruments")) if mended else bench_of_run(read)
     found = _played(read, bench, logs if save else None, real_time)
     verdict = "the same, bit for bit" if found.same else f"{found.different} differ"
     print(f"{read.name}: {found.exchanges} exchanges, {found.samples} samples of {found.logged}: {verdict}")
@@ -90,6 +95,7 @@ def _against_model(run: Run, out: Path | None) -> None:
     measured = channels_of(run)
     room = run.start.ambient
     motor = in_room(read_motor(run.start.motor), room.pressure_bar_abs, room.temperature_c, room.relative_humidity)
+    motor = motor.with_values({"inertia": motor["inertia"].value + run.start.added_inertia_kg_m2})
     with counting("model", 1) as tell:
         simulated = drive(motor, measured.pressure_time_s, measured.pressure_pa, STEP_S)
         tell(1)

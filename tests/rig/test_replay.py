@@ -2,10 +2,13 @@
 
 import re
 import shutil
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from configs import find
 from model.motor import read_motor
 from model.operation.replayed import drive
 from model.solvers.steady import steady
@@ -15,9 +18,11 @@ from rig.replay.player import Player, ReplayPort
 from rig.replay.replaying import bench_of_run, mended_bench, replay
 from rig.replay.saving import retake_plateaus, writer_for
 from rig.run.running import Wanted, take
-from rig.runlog import RunError, read_run, verify
+from rig.runlog import RunError, RunWriter, read_run, verify
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
+from spinbench.cli.replay import _against_model
+from tests.synthetic_runs import start_of
 
 MOTOR = read_motor("ptm3600")
 
@@ -81,7 +86,7 @@ def test_a_mended_instrument_file_decodes_the_old_bytes_anew(run_folder, tmp_pat
         text.replace("scale = 0.001 ", "scale = 0.002 ").replace("scale = 0.001\n", "scale = 0.002\n")
     )
     run = read_run(run_folder)
-    bench = mended_bench(run, ["siargo_mf5700"], instruments)
+    bench = mended_bench(run, ["siargo_mf5700"], lambda name: instruments / f"{name}.toml")
     with writer_for(run, bench, tmp_path / "logs") as writer:
         found = replay(run, bench, writer)
         retake_plateaus(run, writer)
@@ -99,7 +104,31 @@ def test_a_mended_instrument_file_decodes_the_old_bytes_anew(run_folder, tmp_pat
 
 def test_an_instrument_that_the_run_has_not_is_told(run_folder):
     with pytest.raises(RunError, match="no device of this run is a 'lutron_tachometer'"):
-        mended_bench(read_run(run_folder), ["lutron_tachometer"], FOLDER.parent / "instruments")
+        mended_bench(read_run(run_folder), ["lutron_tachometer"], partial(find, "instruments"))
+    with pytest.raises(RunError, match=r"siargo_mf5700\.toml: no such file in the project's instruments"):
+        mended_bench(read_run(run_folder), ["siargo_mf5700"], lambda name: None)
+
+
+def test_mended_samples_are_compared_with_the_model_once_they_are_a_run(run_folder, tmp_path, spinbench_here):
+    done = spinbench_here("replay", run_folder, "--mended", "siargo_mf5700", "--with-model", cwd=tmp_path)
+    assert (done.returncode, "by --save, then replay those" in " ".join(done.stderr.split())) == (2, True)
+
+
+def test_a_flywheel_is_in_the_model_that_a_run_is_compared_with(tmp_path, monkeypatch):
+    class DrivenError(Exception):
+        pass
+
+    def drive(motor, *_):
+        raise DrivenError(motor["inertia"].value)
+
+    nothing = SimpleNamespace(pressure_time_s=None, pressure_pa=None)
+    monkeypatch.setattr("rig.replay.channels.channels_of", lambda run: nothing)
+    monkeypatch.setattr("model.operation.replayed.drive", drive)
+    with RunWriter.create(tmp_path, start_of(added_inertia_kg_m2=0.02)) as writer:
+        writer.end("finished")
+    with pytest.raises(DrivenError) as found:
+        _against_model(read_run(writer.folder), None)
+    assert found.value.args[0] == pytest.approx(read_motor("ptm3600")["inertia"].value + 0.02)
 
 
 def test_a_run_without_its_bytes_is_not_replayed(copied):

@@ -19,6 +19,7 @@ from rig.runlog import RunWriter
 from spinbench.cli import app
 from spinbench.cli.errors import EXIT_CODES, exit_code
 from spinbench.cli.show import suit_the_terminal
+from spinbench.published import published_sweep
 from tests.synthetic_runs import start_of
 
 ROOT = Path(__file__).parents[2]
@@ -234,6 +235,14 @@ def test_sensitivity_ranks_at_every_pressure():
     assert first["name"] == "concave_reach"
     assert len(first["speed_rpm_per_percent"]) == 2
     assert first["speed_rpm_per_prior_sd"] is None
+
+
+def test_sensitivity_writes_nothing_among_the_files_of_a_recording(tmp_path):
+    shutil.copytree(published_sweep(), tmp_path / "sweep")
+    place = tmp_path / "sweep" / "recording.toml"
+    before = place.read_bytes()
+    result = run("sensitivity", "--pressure-bar-abs", "1.6", "--json", place)
+    assert (result.returncode, place.read_bytes()) == (2, before)
 
 
 def test_sensitivity_prints_whole_names():

@@ -15,9 +15,10 @@ from configs import ConfigError
 from model.motor import read_motor
 from rig.bench.bench import bench_path, read_bench
 from rig.clock import Clock
+from rig.exchange.importing import import_table
 from rig.exchange.mapping import read_mapping
 from rig.recording import RecordingError, read_recording, write_recording
-from rig.runlog import Circumstances, start_record
+from rig.runlog import Circumstances, read_run, start_record
 from spinbench.published import published_sweep
 
 GAUGE = (configs.FOLDER / "instruments" / "keller_30x_abs.toml").read_text()
@@ -122,6 +123,20 @@ def test_a_run_and_its_export_hold_the_motor_in_full_and_need_no_project(project
     monkeypatch.chdir("/")
     write_recording(read, tmp_path / "elsewhere")
     assert read_motor(read_recording(tmp_path / "elsewhere").motor)["f_overall"].value == 0.08
+
+
+def test_an_imported_run_holds_the_motor_in_full(project, monkeypatch):
+    head = 'format = "import/1"\ntitle = "t"\nsource = "s"\nlicence = "none"\nmotor = "motor"\nkind = "steady"\n'
+    columns = {"pressure_bar_abs": "bar abs", "speed_rpm": "rpm"}
+    tables = [f'[columns.{name}]\ncolumn = "{name}"\nunit = "{unit}"\n' for name, unit in columns.items()]
+    (project / "imports" / "ours.toml").write_text(
+        head + '[table]\nreader = "csv"\ndelimiter = ","\ndecimal = "."\n' + "".join(tables)
+    )
+    (project / "data.csv").write_text("pressure_bar_abs,speed_rpm\n1.6,232\n2.0,397\n")
+    monkeypatch.chdir(project)
+    folder = import_table([project / "data.csv"], read_mapping(Path("ours")), project / "logs")
+    monkeypatch.chdir("/")
+    assert read_motor(read_run(folder).start.motor)["f_overall"].value == 0.08
 
 
 def test_what_a_recording_is_changes_with_the_motor_of_its_project(project):

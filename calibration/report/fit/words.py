@@ -6,6 +6,7 @@ import math
 import re
 import shlex
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -165,6 +166,8 @@ def next_command(found: AnyFit) -> str:
     """The command that looks for what the model lacks."""
     folders = dict.fromkeys(str(folder) for one in found.recordings for folder in one.folders)
     left_out = dict.fromkeys(asked for one in found.recordings for asked in one.without)
+    if len(folders) == 1:  # of one recording a file's name has none ahead
+        left_out = {asked.removeprefix(f"{Path(*folders).resolve().name}/"): None for asked in left_out}
     return shlex.join(["spinbench", "diagnose", *folders, *(f"--without={asked}" for asked in left_out)])
 
 

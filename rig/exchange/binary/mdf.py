@@ -28,7 +28,7 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
             raise RunError(f"{path}: name the group of channels in [table]: group = one of {there or 'none: no data'}")
         place = f"{path}, group '{shown(group)}'" if group else str(path)
         taken = [one for one in taken if not by_name(wanted) or one[1] in wanted]
-        for name in {name for _, name, *_ in taken}:
+        for name in dict.fromkeys(name for _, name, *_ in taken):
             groups = [one[0] for one in taken if one[1] == name]
             if len(groups) > 1 and by_name(wanted):
                 there = ", ".join(f"'{shown(found)}'" for found in groups)

@@ -121,6 +121,8 @@ def test_the_next_command_can_be_typed_as_it_stands(found):
     words = fit_words.next_command(dataclasses.replace(found, recording=less))
     asked = [f"--without={folder.files[0].file}:{row}" for row in (1, 2)]
     assert shlex.split(words) == ["spinbench", "diagnose", "my runs/a;b", *asked]
+    of_several = dataclasses.replace(less, without=tuple(f"a;b/{one}" for one in less.without))
+    assert fit_words.next_command(dataclasses.replace(found, recording=of_several)) == words
 
 
 def test_the_report_is_a_page_and_a_picture(files):

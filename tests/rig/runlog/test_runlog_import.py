@@ -186,6 +186,17 @@ def test_pulses_and_standard_litres_are_brought_to_rpm_and_to_the_inlet(imported
     assert read["flow_l_min"] == pytest.approx(100.0 * (1.01325 / 2.0) * (293.15 / 273.15))
 
 
+def test_a_standard_flow_is_brought_to_the_pressure_that_a_factor_puts_right(imported):
+    columns = COLUMNS.replace('"kPa gauge"', '"kPa gauge"\nfactor = 1.1').replace(
+        '"m3/h"', '"NL/min"\nfactor = 2.0\nstandard = {pressure_bar_abs = 1.01325, temperature_c = 0.0}'
+    )
+    ambient = "[ambient]\npressure_bar_abs = 1.0\ntemperature_c = 20.0\n"
+    run = imported("Druck;Durchfluss;Drehzahl\n100,0;50,0;41,3\n", columns=columns + ambient)
+    read = dict(zip(run.samples["channel"], run.samples["value"], strict=True))
+    assert read["pressure_bar_gauge"] == pytest.approx(1.1)
+    assert read["flow_l_min"] == pytest.approx(100.0 * (1.01325 / 2.1) * (293.15 / 273.15))
+
+
 def test_a_flow_whose_pressure_is_missing_is_told(put, tmp_path, spinbench_here):
     state = '"scfm"\nstandard = {pressure_bar_abs = 1.01325, temperature_c = 20.0}'
     head = HEAD + COLUMNS.replace('"m3/h"', state) + "[ambient]\npressure_bar_abs = 1.0\ntemperature_c = 20.0\n"
