@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -110,7 +111,7 @@ def item_of(folder: Path, options: dict[str, Any]) -> Item:
     for motors in configs.places("motors", folder)[1:]:  # a motor that the recording may name
         contents.update(b"".join(path.read_bytes() for path in sorted(motors.glob("*.toml"))))
     mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{imported_sha256(__name__)}"
-    name = f"{slug}-{hashlib.sha256(place.encode()).hexdigest()[:8]}"
+    name = f"{slug}-{hashlib.sha256(os.fsencode(place)).hexdigest()[:8]}"
     return Item(name, {"folder": place, **options}, mark)
 
 

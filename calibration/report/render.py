@@ -37,7 +37,8 @@ def render(template: str, filled: Mapping[str, Any]) -> bytes:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template(template).render(filled).encode()
+    page = environment.get_template(template).render(filled)
+    return page.encode(errors="backslashreplace")  # the name of a file may hold any bytes
 
 
 def inline(png: bytes) -> str:

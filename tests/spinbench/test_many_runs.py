@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import shutil
 from pathlib import Path
 
@@ -29,6 +30,11 @@ def damage(path: Path, lines: slice, instead: bytes = b"") -> None:
     held[lines] = [instead] if instead else []
     path.chmod(0o600)
     path.write_bytes(b"".join(held))
+
+
+def test_a_folder_of_any_bytes_is_an_item_like_others(tmp_path):
+    folder = shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / os.fsdecode(b"M\xfcller"))
+    assert fleet.item_of(folder, {}).name.startswith("M_ller-")
 
 
 @pytest.mark.long

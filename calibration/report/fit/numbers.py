@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import gaussian_kde
 
-from calibration.data.measurement import MISSING, OBSERVED, Rows
+from calibration.data.measurement import MISSING, OBSERVED, PRESSURE_LIMITS_BAR, Rows
 from calibration.fit.fit import Fit
 from calibration.fit.posterior import Posterior, SuspectRow, thinned
 from calibration.fit.whole import LEVELS
@@ -83,7 +83,8 @@ def channels(found: Fit) -> list[Channel]:
     """Speed and flow, as far as the fit used them, measured and expected."""
     rows = found.measured.steady
     at_rows = expected(found, rows.pressure, rows.is_gauge, rows.noise_scale, times(found))
-    grid = _grid(rows.pressure)
+    room_bar = found.motor.si("ambient_pressure") / BAR if rows.is_gauge[0] else 0.0
+    grid = _grid(rows.pressure, room_bar)
     middle = np.full(grid.shape, np.median(times(found)))
     over = expected(found, grid, np.full(grid.shape, rows.is_gauge[0]), np.ones(grid.shape), middle)
     return [
@@ -221,11 +222,15 @@ def density_regions(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return x_centre, y_centre, density, heights
 
 
-def _grid(pressure_bar: np.ndarray) -> np.ndarray:
-    """Pressures a little beyond the readings on both sides [bar]."""
+def _grid(pressure_bar: np.ndarray, zero_bar: float) -> np.ndarray:
+    """Pressures a little beyond the readings on both sides, as far as the air's properties are known [bar].
+
+    `zero_bar`: absolute pressure from which they count.
+    """
     low, high = float(pressure_bar.min()), float(pressure_bar.max())
     margin = max(0.06 * (high - low), 0.02)
-    return np.linspace(low - margin, high + margin, GRID_POINTS)
+    least, most = (limit - zero_bar for limit in PRESSURE_LIMITS_BAR)
+    return np.linspace(max(low - margin, min(least, low)), min(high + margin, max(most, high)), GRID_POINTS)
 
 
 def _variance(found: Fit, channel: str, errors: np.ndarray, noise_scale: np.ndarray) -> np.ndarray:

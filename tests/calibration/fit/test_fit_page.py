@@ -4,6 +4,7 @@ import dataclasses
 import html
 import io
 import itertools
+import os
 import re
 import shlex
 import shutil
@@ -125,6 +126,12 @@ def test_the_next_command_can_be_typed_as_it_stands(found):
     assert fit_words.next_command(dataclasses.replace(found, recording=of_several)) == words
 
 
+def test_a_folder_of_any_bytes_is_told_on_the_page(found):
+    folder = dataclasses.replace(found.recording, folder=Path(os.fsdecode(b"M\xfcller")))
+    page = fit_page.report(dataclasses.replace(found, recording=folder), [])["report.html"].decode()
+    assert "M\\udcfcller" in page
+
+
 def test_the_report_is_a_page_and_a_picture(files):
     assert set(files) == {"report.html", "report.png"}
     assert all(len(content) > 10_000 for content in files.values())
@@ -208,6 +215,13 @@ def test_a_speed_above_the_manufacturer_s_limit_is_told(found):
     fast = dataclasses.replace(found.measured, steady=dataclasses.replace(rows, speed=rows.speed * 2.0))
     words = fit_page.remarks(dataclasses.replace(found, measured=fast))
     assert any(re.search(r"5 rows are above the manufacturer's 600 rpm \(up to 789.6 rpm\)", one) for one in words)
+
+
+def test_the_picture_ends_where_the_air_s_properties_do(found):
+    rows = found.measured.steady
+    high = dataclasses.replace(rows, pressure=rows.pressure + 7.98 - rows.pressure.max())
+    drawn = fit_numbers.channels(dataclasses.replace(found, measured=dataclasses.replace(found.measured, steady=high)))
+    assert all(one.curve.pressure_bar.max() == pytest.approx(8.0) for one in drawn)
 
 
 def test_the_comparisons_stand_beside_the_fit(found, page):
