@@ -538,9 +538,10 @@ def test_the_command_writes_page_picture_and_document_and_tells_the_time_of_each
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert {place.name for place in (tmp_path / "out").iterdir()} == {"report.html", "report.png", "diagnosis.json"}
-    written = (tmp_path / "out" / "diagnosis.json").read_bytes()
-    assert written == (tmp_path / "found.json").read_bytes()
-    assert json.loads(written)["format"] == "diagnosis/1"
+    written, copy = (json.loads((tmp_path / place).read_text()) for place in ("out/diagnosis.json", "found.json"))
+    folders = [one["recordings"][0].pop("folder") for one in (written, copy)]  # as each is seen from where it lies
+    assert folders == ["../recording", "recording"]
+    assert written == copy and written["format"] == "diagnosis/1"
     assert re.search(r"base model \d+\.\d s, detect \d+\.\d s.* s in all", done.stderr)
 
 
