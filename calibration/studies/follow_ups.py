@@ -5,7 +5,7 @@ as a recording of another day and given back; then once more. What is drawn is t
 as it comes or in a sweep alone; or dry friction alone, in a sweep with a spin-up and a coast-down.
 
     python -m calibration.studies.follow_ups -o out/follow_ups     # resumable: a case that is there is not made again
-    python -m calibration.studies.follow_ups -o out/sweeps --sweep-alone   # takes a fifth of the time
+    python -m calibration.studies.follow_ups -o out/sweeps --sweep-alone
     python -m calibration.studies.follow_ups -o out/dry --dry-friction --days 0
     python -m calibration.studies.follow_ups -o out/more --first-seed 350000 --also out/follow_ups/cases.json
 """
