@@ -49,10 +49,8 @@ class Earlier:
     def promise(self, taken: Sequence[Recording]) -> Promise | None:
         """What it promised of new recordings; None where they hold no test that it asked for."""
         from calibration.diagnosis.next_test.promised import Rival, asked_for
-        from calibration.diagnosis.next_test.recommend import MOST_RIVALS
 
-        weighed = self.document.rivals[:MOST_RIVALS]
-        rivals = {tuple(one.effects): Rival(one.log_evidence, one.probability) for one in weighed}
+        rivals = {tuple(one.effects): Rival(one.log_evidence, one.probability) for one in self.document.rivals}
         return asked_for(self._tests(), rivals, taken)
 
     def why_not(self, taken: Sequence[Recording]) -> list[str]:

@@ -131,16 +131,14 @@ def run(
 
 
 def _with_earlier(rows: list[dict[str, Any]], files: Sequence[Path]) -> list[dict[str, Any]]:
-    """The rows, behind those of earlier campaigns that are not among them. Raises StudyError for a file without."""
-    names, found = {one["name"] for one in rows}, []
+    """The rows, with those of earlier campaigns that are not among them. Raises StudyError for a file without."""
+    kept: dict[str, dict[str, Any]] = {}
     for file in files:
         try:
-            earlier = json.loads(file.read_bytes())
-            found += [one for one in earlier if one["name"] not in names and one["code"]]
+            kept |= {one["name"]: one | {"code": one["code"]} for one in json.loads(file.read_bytes())}
         except (ValueError, TypeError, KeyError) as problem:
             raise StudyError(f"{file}: no rows of an earlier campaign; give the file that one has kept") from problem
-        names |= {one["name"] for one in found}
-    return [*found, *rows]
+    return list((kept | {one["name"]: one for one in rows}).values())
 
 
 def with_same_code(

@@ -54,7 +54,6 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose
     from calibration.diagnosis.next_test.promised import Promise, Rival
-    from calibration.diagnosis.next_test.recommend import MOST_RIVALS
     from rig.recording import read_recording
 
     truth = draw(FAMILY, argument["seed"], "follow-ups")
@@ -73,8 +72,7 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
             test = next((one for one in found.next_tests if one.capture), None)
             if test is None or test.capture is None:
                 break
-            weighed = found.rivals[:MOST_RIVALS]
-            rivals = {one.names: Rival(one.log_evidence, one.probability) for one in weighed}
+            rivals = {one.names: Rival(one.log_evidence, one.probability) for one in found.rivals}
             promise = Promise(test.test, test.information_nats, rivals)
             folders.append(Path(place) / f"day_{day}")
             another_day(truth, asdict(test.capture), day, folders[-1])

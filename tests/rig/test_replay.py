@@ -78,15 +78,17 @@ def test_a_killed_run_replays_and_its_torn_row_is_the_only_one_missing(copied):
     assert found.tail == 1
 
 
-def test_a_mended_instrument_file_decodes_the_old_bytes_anew(run_folder, tmp_path):
-    instruments = tmp_path / "instruments"
-    instruments.mkdir()
+def test_a_mended_instrument_file_of_the_project_decodes_the_old_bytes_anew(run_folder, tmp_path, monkeypatch):
+    instruments = tmp_path / "project" / "instruments"
+    instruments.mkdir(parents=True)
+    (tmp_path / "project" / "spinbench.toml").write_text('format = "project/1"\n')
+    monkeypatch.chdir(tmp_path / "project")
     text = (FOLDER.parent / "instruments" / "siargo_mf5700.toml").read_text()
     (instruments / "siargo_mf5700.toml").write_text(
         text.replace("scale = 0.001 ", "scale = 0.002 ").replace("scale = 0.001\n", "scale = 0.002\n")
     )
     run = read_run(run_folder)
-    bench = mended_bench(run, ["siargo_mf5700"], lambda name: instruments / f"{name}.toml")
+    bench = mended_bench(run, ["siargo_mf5700"], partial(find, "instruments"))
     with writer_for(run, bench, tmp_path / "logs") as writer:
         found = replay(run, bench, writer)
         retake_plateaus(run, writer)

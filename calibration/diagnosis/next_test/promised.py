@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.diagnosis.next_test.information import pair_weights
+from calibration.diagnosis.next_test.recommend import MOST_RIVALS
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.expected import Capture
 from configs.units import BAR, STANDARD_BAR
@@ -31,7 +32,7 @@ class Rival(NamedTuple):
 
 @dataclass(frozen=True)
 class Promise:
-    """What a test was expected to tell before it was taken, and the sets of effects that it was to tell apart."""
+    """What a test was expected to tell before it was taken, and the sets of effects that were open, likeliest first."""
 
     test: str
     information_nats: float
@@ -55,7 +56,7 @@ def kept(promise: Promise, candidates: Sequence[Candidate]) -> Kept | None:
     the other. None where fewer than two of the sets were weighed again.
     """
     now = {one.names: one.log_evidence for one in candidates}
-    known = [names for names in promise.rivals if names in now]
+    known = [names for names in list(promise.rivals)[:MOST_RIVALS] if names in now]  # those that it was weighed for
     if len(known) < 2:
         return None
     gave = 0.0
@@ -73,11 +74,11 @@ def asked_for(
     """The promise of the tests that new recordings hold; of several that were taken together the largest.
 
     `tests`: what was asked for, the nats promised [-], and what is to be taken.
-    `rivals`: the sets that they were to tell apart.
+    `rivals`: the sets that were open, the likeliest first.
     """
     held = [capture for one in taken for capture in captures_of(one)]
     counted = [(words, nats, sum(_is_like(wanted, one) for one in held)) for words, nats, wanted in tests]
-    found = [(words if n == 1 else f"{words}, {n} times; promised of one", nats) for words, nats, n in counted if n]
+    found = [(words if n == 1 else f"{words}, {n} times (promised of one)", nats) for words, nats, n in counted if n]
     if not found:
         return None
     return Promise(BESIDE.join(words for words, _ in found), max(nats for _, nats in found), rivals)

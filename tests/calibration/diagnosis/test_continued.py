@@ -18,8 +18,6 @@ from calibration.diagnosis.next_test.promised import Kept, Promise, Rival, asked
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.expected import Capture
 from rig.recording import read_recording, write_recording
-from spinbench.documents.of_recordings import GoneOnWith
-from spinbench.earlier import Earlier
 from tests.calibration.diagnosis.test_several_recordings import FRICTION, on_another_day
 from tests.documents import check
 
@@ -208,17 +206,8 @@ def test_a_run_that_was_not_asked_for_is_told_with_what_it_holds_and_what_was_as
 def test_a_test_that_was_taken_more_than_once_was_promised_of_one(asked):
     flywheel = read_recording(asked / "flywheel")
     wanted = [("coast-down with a flywheel", 4.0, Capture("coast-down", 1.7, 0.015)), ("zero", 1.0, Capture("zero"))]
-    for taken, said in (([flywheel], ""), ([flywheel] * 3, ", 3 times; promised of one")):
+    for taken, said in (([flywheel], ""), ([flywheel] * 3, ", 3 times (promised of one)")):
         assert asked_for(wanted, {}, taken) == Promise(f"coast-down with a flywheel{said}", 4.0, {})
-
-
-def test_a_promise_is_of_the_explanations_that_its_test_was_weighed_for(asked):
-    rivals = [{"effects": [name], "log_evidence": 1.0, "probability": 0.25} for name in ("a", "b", "c", "d")]
-    capture = {"kind": "coast-down", "level_bar_abs": 1.7, "added_inertia_kg_m2": 0.015}
-    test = {"test": "a run", "separates": ["a", "b"], "information_nats": 4.0, "repeats": 1, "needs": ""}
-    document = json.loads(of_diagnosis([], rivals=rivals, next_tests=[test | {"command": "", "capture": capture}]))
-    promise = Earlier([], [], GoneOnWith.model_validate(document)).promise([read_recording(asked / "flywheel")])
-    assert promise == Promise("a run", 4.0, {(name,): Rival(1.0, 0.25) for name in ("a", "b", "c")})
 
 
 def test_a_gauge_pressure_is_above_the_room_of_the_motor_where_none_is_told(asked):
@@ -254,3 +243,5 @@ def test_what_a_test_gave_is_what_it_moved_the_odds_of_the_likelier_by():
     both = [0.5 * 0.25, 0.5 * 0.1, 0.25 * 0.1]
     assert kept(promise, now) == Kept("a test", 12.0, round(float(np.average(moved, weights=both)), 2))
     assert kept(promise, now[:1]) is None
+    four = replace(promise, rivals={**before, ("inertia",): Rival(-9.0, 0.2)})  # its test was weighed for three alone
+    assert kept(four, [*now, candidate(("inertia",), 0.0)]) == kept(promise, now)

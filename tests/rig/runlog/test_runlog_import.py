@@ -175,26 +175,18 @@ def test_every_unit_has_a_quantity_that_some_column_takes():
     assert all(unit.factor > 0.0 for unit in UNITS.values())
 
 
-def test_pulses_and_standard_litres_are_brought_to_rpm_and_to_the_inlet(imported):
+@pytest.mark.parametrize("factor", [1.0, 1.1])  # puts the gauge right
+def test_pulses_and_standard_litres_are_brought_to_rpm_and_to_the_inlet(imported, factor):
     columns = COLUMNS.replace('"rad/s"', '"Hz"\npulses_per_rev = 20').replace(
-        '"m3/h"', '"NL/min"\nstandard = {pressure_bar_abs = 1.01325, temperature_c = 0.0}'
-    )
-    ambient = "[ambient]\npressure_bar_abs = 1.0\ntemperature_c = 20.0\n"
-    run = imported("Druck;Durchfluss;Drehzahl\n100,0;100,0;131,6\n", columns=columns + ambient)
-    read = dict(zip(run.samples["channel"], run.samples["value"], strict=True))
-    assert read["speed_rpm"] == pytest.approx(394.8)
-    assert read["flow_l_min"] == pytest.approx(100.0 * (1.01325 / 2.0) * (293.15 / 273.15))
-
-
-def test_a_standard_flow_is_brought_to_the_pressure_that_a_factor_puts_right(imported):
-    columns = COLUMNS.replace('"kPa gauge"', '"kPa gauge"\nfactor = 1.1').replace(
         '"m3/h"', '"NL/min"\nfactor = 2.0\nstandard = {pressure_bar_abs = 1.01325, temperature_c = 0.0}'
     )
+    columns = columns.replace('"kPa gauge"', f'"kPa gauge"\nfactor = {factor}')
     ambient = "[ambient]\npressure_bar_abs = 1.0\ntemperature_c = 20.0\n"
-    run = imported("Druck;Durchfluss;Drehzahl\n100,0;50,0;41,3\n", columns=columns + ambient)
+    run = imported("Druck;Durchfluss;Drehzahl\n100,0;50,0;131,6\n", columns=columns + ambient)
     read = dict(zip(run.samples["channel"], run.samples["value"], strict=True))
-    assert read["pressure_bar_gauge"] == pytest.approx(1.1)
-    assert read["flow_l_min"] == pytest.approx(100.0 * (1.01325 / 2.1) * (293.15 / 273.15))
+    assert read["speed_rpm"] == pytest.approx(394.8)
+    assert read["pressure_bar_gauge"] == pytest.approx(factor)
+    assert read["flow_l_min"] == pytest.approx(100.0 * (1.01325 / (1.0 + factor)) * (293.15 / 273.15))
 
 
 def test_a_flow_whose_pressure_is_missing_is_told(put, tmp_path, spinbench_here):

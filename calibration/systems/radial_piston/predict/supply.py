@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -120,8 +121,7 @@ class Course:
 
         `time`: on the run's clock [s].
         """
-        starts, opens = self._spans()
-        ways, forms, bends, wander = self._figures()
+        (starts, opens), (ways, forms, bends, wander) = self._spans, self._figures
         when = np.asarray(time, dtype=np.float64)
         found: np.ndarray = _shares(
             when.ravel(), starts, opens, ways, forms, bends, wander, self.over, self.turning
@@ -134,7 +134,7 @@ class Course:
         `settled_pa`, `vented_pa`: True pressure of the settled and of the vented line [Pa].
         `shut_pa`: pressure from which on downwards the inlet holds what a vented one does [Pa].
         """
-        begin = _edges(*self._spans(), self._figures()[0], self.over)
+        begin = _edges(*self._spans, self._figures[0], self.over)
         last = begin[-1] + (begin[-1] - begin[-2] if begin.size > 1 else 1.0)
         middle = 0.5 * (begin + np.append(begin[1:], last))
         pressure = vented_pa + (settled_pa - vented_pa) * self.share(middle)
@@ -142,10 +142,12 @@ class Course:
         kept = is_open | np.append(True, is_open[:-1])  # while it stays shut, one span will do
         return np.column_stack([begin, np.where(is_open, pressure, vented_pa), is_open])[kept]
 
+    @cached_property
     def _spans(self) -> tuple[np.ndarray, np.ndarray]:
         """When each span of the valve begins [s], and whether it is open."""
         return np.array([span.start_s for span in self.valve]), np.array([span.is_open for span in self.valve])
 
+    @cached_property
     def _figures(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The run's own unknowns as `_shares` takes them: `ways`, `forms`, `bends` and `wander`."""
         own, ways, forms = self.own, np.ones((2, 3)), np.zeros((2, len(FORMS)))
