@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 import configs
 from calibration.data.dates import as_text, date_of
 from calibration.data.joined import as_given
+from calibration.data.together import motor_of
 from calibration.work import many_table
-from calibration.work.many import Item, Result, Task, Tell, run_many
+from calibration.work.many import Item, Tell, run_many
 from calibration.work.sources import imported_sha256
 from rig.recording.files import write_files
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 Read = Callable[[Path], "Recording"]
 CSV, PARQUET, RESULTS = "table.csv", "table.parquet", "results"
+DIAGNOSES, FITS = "diagnoses", "fits"  # folders of results, one recording's in each
 
 
 def diagnose_all(
@@ -39,12 +41,14 @@ def diagnose_all(
     """Diagnose recordings, and write one table.
 
     `read`: reads one; a function of a module.
-    `out`: gets ``table.csv``, ``table.parquet`` and a result a recording; what is there is not done again.
+    `out`: gets ``table.csv``, ``table.parquet`` and a result a recording. What is there is not done again, unless the
+        recording, the seed or the code is another.
     `scheduler`: a Dask scheduler instead, whose workers see the folders under the same paths.
     Returns the table's rows.
     """
+    items = [item_of(folder, {"seed": seed}, read) for folder in folders]
     task = functools.partial(_diagnose_one, read)
-    done = _each(task, folders, {"seed": seed}, out, workers, scheduler, tell)
+    done = run_many(task, items, out / RESULTS / DIAGNOSES, workers, scheduler, tell)
     rows = [many_table.diagnosis_row(result) for result in done]
     return _write(out, rows, many_table.DIAGNOSIS_COLUMNS, folders)
 
@@ -64,9 +68,10 @@ def fit_all(
     `read`: reads one; a function of a module.
     Returns the table's rows.
     """
-    task = functools.partial(_fit_one, read)
     options = {"settings": asdict(settings), "steady_only": steady_only}
-    done = _each(task, folders, options, out, workers, scheduler, tell)
+    items = [item_of(folder, options, read) for folder in folders]
+    task = functools.partial(_fit_one, read)
+    done = run_many(task, items, out / RESULTS / FITS, workers, scheduler, tell)
     rows = [many_table.fit_row(result) for result in done]
     return _write(out, rows, many_table.fit_columns(rows), folders)
 
@@ -101,8 +106,11 @@ def recordings_in(folders: Sequence[Path], is_recording: Callable[[Path], bool])
     return list(found.values())
 
 
-def item_of(folder: Path, options: dict[str, Any]) -> Item:
-    """A recording as an item: a file name of its own, and a mark that changes with its contents."""
+def item_of(folder: Path, options: dict[str, Any], read: Read) -> Item:
+    """A recording as an item: a file name of its own, and a mark that changes with its contents and the code.
+
+    `read`: what reads it.
+    """
     place = str(folder.resolve())
     slug = re.sub(r"[^A-Za-z0-9._-]", "_", folder.resolve().name)[:60]
     contents = hashlib.sha256()
@@ -110,7 +118,8 @@ def item_of(folder: Path, options: dict[str, Any]) -> Item:
         contents.update(f"{path.relative_to(folder)} {_sha256(path)}\n".encode(errors="surrogateescape"))
     for motors in configs.places("motors", folder)[1:]:  # a motor that the recording may name
         contents.update(b"".join(path.read_bytes() for path in sorted(motors.glob("*.toml"))))
-    mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{imported_sha256(__name__)}"
+    code = imported_sha256(__name__, read.__module__)
+    mark = f"{contents.hexdigest()}/{json.dumps(options, sort_keys=True)}/{code}"
     name = f"{slug}-{hashlib.sha256(os.fsencode(place)).hexdigest()[:8]}"
     return Item(name, {"folder": place, **options}, mark)
 
@@ -122,19 +131,6 @@ def _sha256(path: Path) -> str:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         return f"unreadable: {error.strerror}"
-
-
-def _each(
-    task: Task,
-    folders: Sequence[Path],
-    options: dict[str, Any],
-    out: Path,
-    workers: int,
-    scheduler: str | None,
-    tell: Tell,
-) -> list[Result]:
-    items = [item_of(folder, options) for folder in folders]
-    return run_many(task, items, out / RESULTS, workers, scheduler, tell)
 
 
 def _write(
@@ -172,4 +168,6 @@ def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
 
 
 def _origin(recording: Recording) -> dict[str, Any]:
-    return {"date": as_text(date_of(recording)), "motor_serial": recording.origin.get("motor_serial")}
+    motor, sha256 = motor_of(recording)
+    serial = recording.origin.get("motor_serial")
+    return {"date": as_text(date_of(recording)), "motor_serial": serial, "motor": motor, "motor_sha256": sha256}

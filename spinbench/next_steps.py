@@ -87,6 +87,12 @@ def kept_in(run: Path) -> list[str]:
     return ["--logs", str(folder.relative_to(here) if folder.is_relative_to(here) else folder)]
 
 
+def show_command(run: Path) -> str:
+    """The command that shows a run; a name may begin like an option."""
+    last = ["--"] * run.name.startswith("-") + [run.name]
+    return shlex.join(["spinbench", "runs", "show", *kept_in(run), *last])
+
+
 def _is_empty(logs: Path) -> bool:
     from rig.runlog.listing import list_runs
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spinbench.next_steps import after, kept_in
+from spinbench.next_steps import after, show_command
 
 if TYPE_CHECKING:
     from calibration.report.run.page import Told
@@ -76,8 +75,7 @@ def _told(run: Run, notes: list[str], why_not: str) -> Told:
             wrong.append(said if event.event == "warning" else f"{event.event}: {said}")
     wrong += [note for note in notes if not note.startswith(("simulated: ", "the run is "))]
     wrong = list(dict.fromkeys(wrong))
-    shown = shlex.join(["spinbench", "runs", "show", run.name, *kept_in(run.folder)])
-    more = [f"and {len(wrong) - MOST_WRONG} more; `{shown}` lists events"]
+    more = [f"and {len(wrong) - MOST_WRONG} more; `{show_command(run.folder)}` lists events"]
     return Told(
         run.name,
         f"{run.start.kind} on {run.start.bench}{', simulated' if run.start.simulated else ''}",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any
@@ -119,6 +121,14 @@ def _differs_in(one: Recording, other: Recording) -> str:
         return ""
     mine, its = (dict(_figures(read_motor(each.motor).model_dump())) for each in (one, other))
     return next((f"{key} is {its[key]}, not {mine[key]}" for key in mine if its[key] != mine[key]), "")
+
+
+def motor_of(recording: Recording) -> tuple[str, str]:
+    """The machine of a recording in words, and the SHA-256 of a radial piston motor's figures; empty of another."""
+    if not recording.is_of_radial_piston:
+        return _machine(recording), ""
+    figures = dict(_figures(read_motor(recording.motor).model_dump()))
+    return _machine(recording), hashlib.sha256(json.dumps(figures, sort_keys=True).encode()).hexdigest()
 
 
 def _figures(table: Mapping[str, Any], ahead: str = "") -> Iterator[tuple[str, object]]:

@@ -22,6 +22,7 @@ from calibration.systems.radial_piston.batch import effects as with_effects
 from calibration.systems.radial_piston.batch.likelihood import Likelihood
 from calibration.unknowns import priors
 from calibration.unknowns.priors import CHANNELS
+from calibration.work.sources import imported_sha256
 from model.motor import Motor, read_motor, set_values
 from rig.recording import Channel, Recording, RecordingError
 
@@ -171,7 +172,7 @@ def brief(settings: Settings) -> Settings:
 def fingerprint(
     recording: Recording, motor: Motor, measured: Measurement, settings: Settings, effects: Sequence[str] = ()
 ) -> str:
-    """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target."""
+    """What a chain on disk has to share with a fit that goes on from it: all, the code too, but budget and target."""
     figures = {name: dataclasses.astuple(channel)[1:5] for name, channel in recording.channels.items()}
     parts = [
         store.of_readings(recording),
@@ -180,6 +181,7 @@ def fingerprint(
         measured.channels,
         settings.seed,
         settings.walkers,
+        imported_sha256(__name__),
     ]
     if effects:
         parts.append(list(effects))

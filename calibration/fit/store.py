@@ -41,8 +41,8 @@ def refuse_another(folder: Path, fingerprint: str) -> None:
     if mark.exists():
         if mark.read_text(encoding="utf-8") != fingerprint:
             raise ChainError(
-                f"{folder}: holds the chain of another recording, motor or setting; name another folder with -o, "
-                "or remove this one"
+                f"{folder}: holds the chain of another recording, motor, setting or version of the program; name "
+                "another folder with -o, or remove this one"
             )
     elif any(folder.glob("block_*.npz")):
         raise ChainError(

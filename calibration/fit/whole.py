@@ -26,6 +26,7 @@ from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.comparison import Several
 from calibration.work.side_by_side import SideBySide
+from calibration.work.sources import imported_sha256
 from calibration.work.threads import each, threads
 from model.motor import Motor
 from rig.recording import Recording
@@ -209,7 +210,7 @@ def _refuse_far_out(target: Integrated, are_several: bool) -> None:
 
 
 def _fingerprint(recordings: Sequence[Recording], target: Integrated, settings: Settings) -> str:
-    """What a chain on disk has to share with a fit that goes on from it: everything but the budget and the target."""
+    """What a chain on disk has to share with a fit that goes on from it: all, the code too, but budget and target."""
     compared = target.comparison.parts if isinstance(target.comparison, Several) else [target.comparison]
     parts = [
         [store.of_readings(one) for one in recordings],
@@ -218,5 +219,6 @@ def _fingerprint(recordings: Sequence[Recording], target: Integrated, settings: 
         list(target.mode.names),
         target.comparison.read.size,
         settings.seed,
+        imported_sha256(__name__),
     ]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -52,7 +52,7 @@ class Residuals:
 
 
 def compare(measured: Measured, simulated: Simulated) -> list[Residuals]:
-    """Speed and flow at the times of their readings. Of the channels with anything to compare."""
+    """Speed and flow at the times of their readings. Of the channels with anything to compare, which may be none."""
     found = []
     for name, unit, factor, time_s, values, modelled in (
         ("speed", "rpm", RPM, measured.speed_time_s, measured.speed_rad_s, simulated.speed_rad_s),

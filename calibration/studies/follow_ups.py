@@ -1,8 +1,9 @@
 """What a test that a diagnosis asks for promised, against what it gave, on cases of the second rig.
 
 Each case is diagnosed. Where more than one explanation stays open, the first test that this bench can take is simulated
-as a recording of another day and given back; then once more. What is drawn is the challenge's make-up, nulls included,
-as it comes or in a sweep alone; or dry friction alone, in a sweep with a spin-up and a coast-down.
+as a recording of another day and given back; then once more. Where none explains the readings, there are none to tell
+apart. What is drawn is the challenge's make-up, nulls included, as it comes or in a sweep alone; or dry friction alone,
+in a sweep with a spin-up and a coast-down.
 
     python -m calibration.studies.follow_ups -o out/follow_ups     # resumable: a case that is there is not made again
     python -m calibration.studies.follow_ups -o out/sweeps --sweep-alone
@@ -54,6 +55,7 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose
     from calibration.diagnosis.next_test.promised import Promise, Rival
+    from calibration.diagnosis.steps.verdict import VerdictKind
     from rig.recording import read_recording
 
     truth = draw(FAMILY, argument["seed"], "follow-ups")
@@ -70,7 +72,7 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
         seen = {"D": None, "rival": None} if is_told else separable(truth, folders[0])
         for day in range(1, argument["days"] + 1):
             test = next((one for one in found.next_tests if one.capture), None)
-            if test is None or test.capture is None:
+            if found.verdict.kind == VerdictKind.UNRESOLVED or test is None or test.capture is None:
                 break
             rivals = {one.names: Rival(one.log_evidence, one.probability) for one in found.rivals}
             promise = Promise(test.test, test.information_nats, rivals)

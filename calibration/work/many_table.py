@@ -18,6 +18,8 @@ DIAGNOSIS_COLUMNS = {
     "name": TEXT,
     "date": TEXT,
     "motor_serial": TEXT,
+    "motor": TEXT,
+    "motor_sha256": TEXT,
     "verdict": TEXT,
     "error": TEXT,
     "seconds": NUMBER,
@@ -34,6 +36,8 @@ FIT_FIRST = {
     "name": TEXT,
     "date": TEXT,
     "motor_serial": TEXT,
+    "motor": TEXT,
+    "motor_sha256": TEXT,
     "error": TEXT,
     "seconds": NUMBER,
     "p_value": NUMBER,
@@ -41,7 +45,8 @@ FIT_FIRST = {
     "rhat_max": NUMBER,
     "ess_min": NUMBER,
 }
-OF_THE_RECORDING = ("date", "motor_serial")  # of the recording's origin, kept beside what it was found to say
+# When it was taken and of which motor, kept beside what it was found to say; the hash is of the motor's figures.
+OF_THE_RECORDING = ("date", "motor_serial", "motor", "motor_sha256")
 MOST_TEXT = 500
 NOT_IN_CSV = "diagnosis"  # the whole document, for programs
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from configs.units import BAR, ZERO_C
 from model.motor import Motor
+from model.operation.performance import HIGHEST_PA, OperatingPointError
 from model.solvers.transient import Supply, simulate
 
 VENTED_PA = 2000.0  # above the ambient; below that the line counts as vented
@@ -54,10 +55,17 @@ def drive(motor: Motor, time_s: np.ndarray, pressure_pa: np.ndarray, step_s: flo
     `motor`: in the room as it was.
     `time_s`, `pressure_pa`, shape (m,): readings of the absolute line pressure [s], [Pa], in order.
     `step_s`: interval of what is returned [s].
-    Returns mean speed and flow of each interval. Raises ValueError with fewer than two readings.
+    Returns mean speed and flow of each interval. Raises ValueError with fewer than two readings, OperatingPointError
+    where the model does not reach a pressure, or cannot be integrated.
     """
     if time_s.size < 2:
         raise ValueError("a record of the pressure needs at least two readings")
+    beyond = np.flatnonzero(pressure_pa > HIGHEST_PA)
+    if beyond.size:
+        raise OperatingPointError(
+            f"the line's pressure was {pressure_pa[beyond[0]] / BAR:.4g} bar at {time_s[beyond[0]]:.3f} s, and the "
+            f"model goes up to {HIGHEST_PA / BAR:g} bar"
+        )
     P_a = motor.si("ambient_pressure")
     moves = np.abs(np.diff(pressure_pa)) > STILL_PA
     pieces = np.where(moves & (np.diff(time_s) < LONGEST_GAP_S), np.ceil(np.diff(time_s) / PIECE_S), 1).astype(int)
@@ -70,9 +78,13 @@ def drive(motor: Motor, time_s: np.ndarray, pressure_pa: np.ndarray, step_s: flo
         for at, P in zip(begins, np.interp(middles, time_s, pressure_pa), strict=True)
     ]
     ends = np.arange(time_s[0], time_s[-1], step_s)
-    run = simulate(motor, supply, ends)
+    try:
+        run = simulate(motor, supply, ends)
+    except ArithmeticError as error:
+        raise OperatingPointError(f"the model cannot be driven with this record of the pressure: {error}") from None
     mass = np.diff(run.inlet_kg) / step_s
     held = pressure_pa[np.clip(np.searchsorted(time_s, ends[1:], side="right") - 1, 0, time_s.size - 1)]
     R = 287.05  # moist air's differs by less than 1 %: this is for a picture
-    flow = np.where(held > P_a + VENTED_PA, mass * R * motor.si("inlet_temperature") / held, np.nan)
+    volume = mass * R * motor.si("inlet_temperature")
+    flow = np.divide(volume, held, out=np.full(mass.size, np.nan), where=held > P_a + VENTED_PA)
     return Simulated(ends[1:], run.mean_speed_rad_s()[1:], flow)

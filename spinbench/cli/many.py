@@ -66,10 +66,12 @@ def fit(
     _refuse_other_than_iso(found)
     settings = Settings(seed=seed, effective_samples=effective_samples or 0, most_steps=max_steps or 0)
     processes = workers or os.cpu_count() or 1
+    before = read_if_there(out / fleet.CSV)
     with bars() as begin:
         rows = fleet.fit_all(
             found, readings.read_of_many, settings, steady_only, out, processes, scheduler, begin("fits")
         )
+    _tell_replaced(out, before, rows)
     figures = [(row.get("f_overall_mean"), row.get("f_overall_sd")) for row in rows]
     fits_well = {True: "yes", False: "no: do not rely on it", None: ""}
     shown = [
@@ -150,12 +152,24 @@ def _diagnosed(
     """Diagnoses side by side, with a bar; a row each."""
     from calibration import fleet
 
-    before = recordings_in(read_if_there(out / fleet.CSV))
+    before = read_if_there(out / fleet.CSV)
     with bars() as begin:
         processes = workers or os.cpu_count() or 1
         rows = fleet.diagnose_all(found, readings.read_of_many, seed, out, processes, scheduler, begin("diagnoses"))
-    tell_replaced(out, before, [str(row["recording"]) for row in rows])
+    _tell_replaced(out, before, rows)
     return rows
+
+
+def _tell_replaced(out: Path, before: bytes, rows: Sequence[dict[str, Any]]) -> None:
+    """Say that the table in a folder was of other recordings, or of fits where there are diagnoses now.
+
+    `before`: the table as it was; `rows`: those of the one that is there now.
+    """
+    tell_replaced(out, recordings_in(before), [str(row["recording"]) for row in rows])
+    kinds = {True: "diagnoses", False: "fits"}
+    was, is_now = b"verdict" in before.partition(b"\n")[0].split(b","), any("verdict" in row for row in rows)
+    if before and was != is_now:
+        remark(f"replaced: the table in {out}, which was of {kinds[was]} and is of {kinds[is_now]} now")
 
 
 def _failed(rows: Sequence[dict[str, Any]]) -> list[str]:

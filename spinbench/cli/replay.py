@@ -85,21 +85,31 @@ def _played(run: Run, bench: Bench, logs: Path | None, real_time: bool) -> Repla
 
 
 def _against_model(run: Run, out: Path | None) -> None:
-    """Measured against simulated speed and flow in time."""
+    """Measured against simulated speed and flow in time.
+
+    Raises RunError where the model cannot be driven with the run's pressure, or nothing was read beside it.
+    """
     from calibration.report import replay_comparison
     from model.motor import read_motor
+    from model.operation.performance import OperatingPointError
     from model.operation.replayed import drive, in_room
     from rig.recording import files
     from rig.replay.channels import STEP_S, channels_of
+    from rig.runlog import RunError
 
     measured = channels_of(run)
     room = run.start.ambient
     motor = in_room(read_motor(run.start.motor), room.pressure_bar_abs, room.temperature_c, room.relative_humidity)
     motor = motor.with_values({"inertia": motor["inertia"].value + run.start.added_inertia_kg_m2})
     with counting("model", 1) as tell:
-        simulated = drive(motor, measured.pressure_time_s, measured.pressure_pa, STEP_S)
+        try:
+            simulated = drive(motor, measured.pressure_time_s, measured.pressure_pa, STEP_S)
+        except OperatingPointError as error:
+            raise RunError(f"{run.folder}: {error}") from None
         tell(1)
     compared = replay_comparison.compare(measured, simulated)
+    if not compared:
+        raise RunError(f"{run.folder}: no speed or flow was read while the pressure was; there is nothing to compare")
     if out is not None:
         files.write_files(out, replay_comparison.report(run.name, simulated, compared))
         remark(f"the comparison is {out / 'replay.png'}, its figures replay.csv")

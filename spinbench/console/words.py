@@ -11,7 +11,7 @@ from rig.runlog.reader import BEING_WRITTEN, KILLED
 from rig.runlog.schema import ended
 from rig.runlog.tail import SET_POINT, STATE, Tail
 from rig.sweep.machine import VENT_TIMEOUT_S
-from spinbench.next_steps import bench_named, kept_in
+from spinbench.next_steps import bench_named, kept_in, show_command
 
 # Of each state: what happens in it, and what it waits for.
 STATES = {
@@ -157,5 +157,4 @@ def after_the_end(tail: Tail, bench: str = "") -> tuple[str, str] | None:
     if badge.word == "stopped":
         left = f" To take the levels that are left: {_continuing(tail, bench)}" if tail.start.kind == "sweep" else ""
         return text, f"The line is vented.{left}"
-    show = shlex.join(["spinbench", "runs", "show", tail.folder.name, *kept_in(tail.folder)])
-    return text, f"The line is vented. Find the cause before you go on: {show}"
+    return text, f"The line is vented. Find the cause before you go on: {show_command(tail.folder)}"

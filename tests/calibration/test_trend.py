@@ -113,11 +113,34 @@ def of_a_motor(serial: str, *figures: float) -> list[dict]:
 def test_each_motor_has_a_trend_of_its_own_and_an_alarm_where_it_changed() -> None:
     rows = of_a_motor("A", 0.064, 0.068, 0.072) + of_a_motor("B", 0.080, 0.0805, 0.0798)
     found = trend.trends(rows)
-    assert [(one.motor, len(one.figures)) for one in found] == [("A", 3), ("B", 3)]
+    assert [(one.motor, len(one.figures)) for one in found] == [("motor no. A", 3), ("motor no. B", 3)]
     (alarm,) = trend.alarms(found)
     assert alarm.startswith("f_overall of motor no. A changed (p ")
     assert alarm.endswith("0.0640 ± 0.0010 N m s in A1, 0.0720 ± 0.0010 N m s in A3.")
     assert trend.alarms(trend.trends(of_a_motor("B", 0.080, 0.0805, 0.0798))) == []
+
+
+@pytest.mark.parametrize("key", ["motor", "motor_sha256"])
+def test_another_motor_is_no_change_of_one_whatever_its_serial_number(key: str) -> None:
+    rows = of_a_motor("A", 0.064, 0.0641) + of_a_motor("A", 0.080, 0.0801)
+    for i, row in enumerate(rows):
+        row |= {"recording": f"{row['recording']}{i}", "motor": "the motor PTM", "motor_sha256": "1"}
+        row |= {key: f"the motor no {i // 2}"} if i > 1 else {}
+    found = trend.trends(rows)
+    assert [len(one.figures) for one in found] == [2, 2]
+    assert len({one.motor for one in found}) == 2
+    assert trend.alarms(found) == []
+
+
+def test_what_failed_stands_last_and_is_no_motor_of_its_own() -> None:
+    failed = dict.fromkeys(diagnosed("", "", 0.0, None)) | {"recording": "a", "error": "RecordingError: no flow"}
+    rows = [failed | {"verdict": "failed"}, *reversed(of_a_motor("A", 0.064, 0.0641))]
+    names = [row["recording"] for row in csv.DictReader(trend.table(rows).decode().splitlines())]
+    assert names == ["runs/A1", "runs/A2", "a"]
+    page = history.report(rows, {})["report.html"].decode()
+    assert "History of 1 motor<" in page
+    assert "without a serial number" not in page
+    assert "RecordingError: no flow" in page
 
 
 def test_a_jump_and_back_is_a_change_without_a_slope() -> None:

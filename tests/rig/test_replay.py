@@ -10,6 +10,7 @@ import pytest
 
 from configs import find
 from model.motor import read_motor
+from model.operation.performance import OperatingPointError
 from model.operation.replayed import drive
 from model.solvers.steady import steady
 from rig.bench.bench import FOLDER
@@ -22,7 +23,7 @@ from rig.runlog import RunError, RunWriter, read_run, verify
 from rig.sweep.ambient import Given
 from rig.sweep.planning import sweep_course
 from spinbench.cli.replay import _against_model
-from tests.synthetic_runs import start_of
+from tests.synthetic_runs import poll, start_of
 
 MOTOR = read_motor("ptm3600")
 
@@ -131,6 +132,32 @@ def test_a_flywheel_is_in_the_model_that_a_run_is_compared_with(tmp_path, monkey
     with pytest.raises(DrivenError) as found:
         _against_model(read_run(writer.folder), None)
     assert found.value.args[0] == pytest.approx(read_motor("ptm3600")["inertia"].value + 0.02)
+
+
+@pytest.mark.parametrize(
+    ("pressure", "speeds_from_s", "words"),
+    [(9.0, 0.0, "was 9 bar at 0.100 s, and the model goes up to 8 bar"), (2.0, 50.0, "there is nothing to compare")],
+)
+def test_a_run_that_the_model_cannot_be_held_against_is_told(tmp_path, pressure, speeds_from_s, words):
+    with RunWriter.create(tmp_path, start_of()) as writer:
+        for step in range(1, 11):
+            writer.exchange(poll("gauge", {"pressure_bar_abs": pressure}, step * 100_000_000))
+        for step in range(1, 11):
+            writer.exchange(poll("tach", {"speed_rpm": 300.0}, round((speeds_from_s + 0.1 * step) * 1e9)))
+        writer.end("finished")
+    with pytest.raises(RunError, match=words) as told:
+        _against_model(read_run(writer.folder), tmp_path / "out")
+    assert str(writer.folder) in str(told.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_record_that_the_model_cannot_be_integrated_through_is_told(monkeypatch):
+    def fails(*_):
+        raise ArithmeticError("status 3")
+
+    monkeypatch.setattr("model.operation.replayed.simulate", fails)
+    with pytest.raises(OperatingPointError, match="cannot be driven with this record"):
+        drive(MOTOR, np.arange(3.0), np.full(3, 2e5), 0.5)
 
 
 def test_a_run_without_its_bytes_is_not_replayed(copied):

@@ -11,6 +11,7 @@ import pytest
 
 import spinbench
 from calibration import fleet
+from calibration.work.sources import imported
 from rig.runlog import RunError
 from spinbench import readings
 from spinbench.cli.errors import without_class
@@ -34,7 +35,28 @@ def damage(path: Path, lines: slice, instead: bytes = b"") -> None:
 
 def test_a_folder_of_any_bytes_is_an_item_like_others(tmp_path):
     folder = shutil.copytree(ROOT / "logs" / "published_sweep", tmp_path / os.fsdecode(b"M\xfcller"))
-    assert fleet.item_of(folder, {}).name.startswith("M_ller-")
+    assert fleet.item_of(folder, {}, readings.read_of_many).name.startswith("M_ller-")
+
+
+def test_a_kept_result_knows_the_code_that_read_its_recording(monkeypatch):
+    seen = []
+    monkeypatch.setattr(fleet, "imported_sha256", lambda *roots: seen.extend(imported(*roots)) or "")
+    fleet.item_of(ROOT / "logs" / "published_sweep", {}, readings.read_of_many)
+    assert {"calibration.fit.whole", "calibration.diagnosis", "rig.exchange.export", "rig.recording"} <= set(seen)
+
+
+@pytest.mark.long
+def test_fits_and_diagnoses_in_one_folder_keep_their_results_apart(tmp_path, spinbench_here):
+    swept = ROOT / "logs" / "published_sweep"
+    words = [swept, "-o", "out", "--workers", 1]
+    first = spinbench_here("many", "diagnose", *words, cwd=tmp_path)
+    second = spinbench_here("many", "fit", "--steady-only", "--effective-samples", 400, *words, cwd=tmp_path)
+    kept = sorted((tmp_path / "out" / "results").rglob("*.json"))
+    assert [one.parent.name for one in kept] == ["diagnoses", "fits"], first.stderr + second.stderr
+    assert "replaced: the table in out, which was of diagnoses and is of fits now" in second.stderr
+    again = spinbench_here("many", "diagnose", *words, cwd=tmp_path)
+    assert "which was of fits and is of diagnoses now" in again.stderr
+    assert kept[0].read_bytes() == (tmp_path / "out" / "results" / "diagnoses" / kept[0].name).read_bytes()
 
 
 @pytest.mark.long

@@ -1,11 +1,12 @@
 """`spinbench` alone: what can be done next, given what lies in the logs folder."""
 
+import shlex
 from pathlib import Path
 
 import pytest
 
 from rig.runlog import RunWriter
-from spinbench.next_steps import next_steps
+from spinbench.next_steps import next_steps, show_command
 from tests.synthetic_runs import start_of, write_sweep
 
 
@@ -55,3 +56,10 @@ def test_a_stopped_sweep_is_looked_at_and_gone_on_with(tmp_path):
     with RunWriter.create(tmp_path, start_of()) as writer:
         writer.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
     assert commands(tmp_path)[:2] == ["spinbench runs show last", "spinbench sweep BENCH --continue last"]
+
+
+def test_a_run_whose_name_begins_like_an_option_is_shown_by_the_command_that_is_named(tmp_path, spinbench_here):
+    run = write_sweep(tmp_path / "runs")
+    words = shlex.split(show_command(run.rename(run.parent / "-may")))
+    shown = spinbench_here(*words[1:], cwd=tmp_path)
+    assert (shown.returncode, shown.stdout.partition(":")[0]) == (0, "-may")

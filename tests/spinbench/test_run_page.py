@@ -73,7 +73,7 @@ def test_a_run_that_was_stopped_says_why_and_how_it_is_gone_on_with(tmp_path):
     assert "Its readings were not held against the model." in said and "nothing to export" in said
     assert "the line is not known to be vented: close the supply" in said
     assert "the <b>gauge</b> fell silent" in said and "<b>" not in raw
-    assert f"`spinbench runs show {writer.folder.name} --logs {tmp_path}` lists events" in said
+    assert f"`spinbench runs show --logs {tmp_path} {writer.folder.name}` lists events" in said
     assert f"spinbench sweep BENCH --continue {writer.folder.name} --logs {tmp_path}" in said
 
 

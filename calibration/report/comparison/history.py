@@ -13,6 +13,8 @@ from calibration.report.sets_in_words import titles
 from rig.recording import Recording
 from rig.recording.origin import parsed
 
+MOST_OF_AN_ERROR = 200  # characters
+
 
 def report(rows: Sequence[Mapping[str, Any]], recordings: Mapping[str, Recording]) -> dict[str, bytes]:
     """Files of the page by name: ``report.html``.
@@ -21,25 +23,31 @@ def report(rows: Sequence[Mapping[str, Any]], recordings: Mapping[str, Recording
     `recordings`: those that could be read, by their name in the table.
     """
     found = trend.trends(rows)
-    motors = [_of_motor(motor, found, rows, recordings) for motor in _motors(rows)]
-    filled = {"alarms": trend.alarms(found), "count": len(found), "motors": motors, "versions": versions()}
+    of = trend.motors_of(rows)
+    motors = [
+        _of_motor(motor, found, [row for row in rows if of.get(str(row["recording"])) == motor], recordings)
+        for motor in sorted(set(of.values()))
+    ]
+    failed = [(str(row["recording"]), str(row["error"])[:MOST_OF_AN_ERROR]) for row in rows if row["error"]]
+    filled = {
+        "alarms": trend.alarms(found),
+        "count": len(found),
+        "motors": motors,
+        "failed": Grid(("recording", "what is wrong"), tuple(failed), 2) if failed else None,
+        "versions": versions(),
+    }
     return {HTML: render("trend.html.j2", filled)}
-
-
-def _motors(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    return sorted({str(row.get("motor_serial") or "") for row in rows})
 
 
 def _of_motor(
     motor: str, found: Sequence[trend.Trend], rows: Sequence[Mapping[str, Any]], recordings: Mapping[str, Recording]
 ) -> dict[str, Any]:
-    mine = [row for row in rows if str(row.get("motor_serial") or "") == motor]
-    mine = in_order(mine, lambda row: parsed(row["date"]))
+    mine = in_order(rows, lambda row: parsed(row["date"]))
     trends = [one for one in found if one.motor == motor]
     swept = [recordings[str(row["recording"])] for row in mine if str(row["recording"]) in recordings]
     laid = overlay.picture(swept)
     return {
-        "name": f"Motor no. {motor}" if motor else "Motor without a serial number",
+        "name": motor[:1].upper() + motor[1:] if motor else "Motor without a serial number",
         "sentences": [trend.sentence(one) for one in trends],
         "trend": inline(trend.picture(trends)) if trends else "",
         "overlay": inline(laid) if laid else "",
@@ -50,9 +58,8 @@ def _of_motor(
 
 
 def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
-    friction = trend.figures_of(row).get("") if not row["error"] else None
+    friction = trend.figures_of(row).get("")
     shown = "" if friction is None else quantity(*friction, "N m s").removesuffix(" N m s")
     unsure = "" if trend.is_reliable(row) else ", not in the line"
     effects = titles(row["effects"]) if row.get("effects") else ""
-    said = str(row["error"] or row["verdict"])[:200]
-    return str(row["recording"]), str(row["date"] or "not noted"), f"{said}{unsure}", effects, shown
+    return str(row["recording"]), str(row["date"] or "not noted"), f"{row['verdict']}{unsure}", effects, shown

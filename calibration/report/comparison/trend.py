@@ -24,6 +24,7 @@ from rig.recording.origin import parsed
 
 CSV, PNG = "trend.csv", "trend.png"
 F_OVERALL = "f_overall"
+MOTOR = ("motor", "motor_sha256", "motor_serial")  # columns that tell one motor from another
 ALARM_P = 0.01  # of all trends together, below which something changed
 # What a slope is told per, the longest that the recordings span at least twice.
 PERIODS = (
@@ -53,7 +54,7 @@ class Trend:
     """One quantity along the dates, or along the order given where one recording has none.
 
     `effect`: whose size it is; empty for f_overall.
-    `motor`: the serial number of the motor; empty where none is noted.
+    `motor`: what the motor is called; empty where it is the only one and has no serial number.
     `per`: what the line's slope is per.
     """
 
@@ -77,10 +78,11 @@ def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
     `rows`: of the table of fits or of diagnoses; what is not to be relied on is left out.
     """
     found: dict[tuple[str, str], list[Figure]] = {}
+    motors = motors_of(rows)
     for row in rows:
         if not is_reliable(row):
             continue
-        motor = str(row.get("motor_serial") or "")
+        motor = motors[str(row["recording"])]
         for effect, (mean, sd) in figures_of(row).items():
             found.setdefault((motor, effect), []).append(Figure(str(row["recording"]), parsed(row["date"]), mean, sd))
     ordered = sorted(found.items(), key=lambda one: (one[0][0], one[0][1] != ""))
@@ -89,6 +91,24 @@ def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
         for (motor, effect), figures in ordered
         if len(figures) > 1
     ]
+
+
+def motors_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """What the motor of each recording is called, by the recording's name; of what failed it is not known.
+
+    Motors differ by what they are, by their figures and by their serial numbers. A name says what these need to be told
+    apart: nothing where there is one motor without a serial number.
+    """
+    named = {str(row["recording"]): [str(row.get(key) or "") for key in MOTOR] for row in rows if not row["error"]}
+    kinds = dict.fromkeys((motor, figures) for motor, figures, _ in named.values())
+    called: dict[str, str] = {}
+    for recording, (motor, figures, serial) in named.items():
+        words = [motor] if len(kinds) > 1 else ["motor"] if serial else []
+        words += [f"no. {serial}"] if serial else []
+        alike = [one for one in kinds if one[0] == motor]  # of one name, and with other figures
+        words += [f"({alike.index((motor, figures)) + 1})"] if len(alike) > 1 else []
+        called[recording] = " ".join(words)
+    return called
 
 
 def alarms(found: Sequence[Trend]) -> list[str]:
@@ -160,11 +180,16 @@ def sentence(trend: Trend) -> str:
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """A row a recording, along the dates: date, f_overall, and the size of each effect that is named, as CSV."""
+    """A row a recording: date, f_overall, and the size of each effect that is named, as CSV.
+
+    They stand along the dates, in the order given where one has none; what failed stands last.
+    """
+    rows = [*in_order([row for row in rows if not row["error"]], _taken), *(row for row in rows if row["error"])]
     told = [figures_of(row) for row in rows]
     names = {effect: f"{effect}.{effects()[effect].amplitude.name}" for one in told for effect in one if effect}
     names = {"": F_OVERALL} | names
-    columns = dict.fromkeys(("recording", "date", "motor_serial"), many_table.TEXT) | {"reliable": many_table.FLAG}
+    of = ("date", "motor_serial", "motor")
+    columns = dict.fromkeys(("recording", *of), many_table.TEXT) | {"reliable": many_table.FLAG}
     columns |= {f"{name}_{key}": many_table.NUMBER for name in names.values() for key in ("mean", "sd")}
     made = []
     for row, one in zip(rows, told, strict=True):
@@ -173,9 +198,13 @@ def table(rows: Sequence[Mapping[str, Any]]) -> bytes:
             for effect, pair in one.items()
             for key, value in zip(("mean", "sd"), pair, strict=True)
         }
-        first = {"recording": str(row["recording"]), "date": row["date"], "motor_serial": row.get("motor_serial")}
+        first = {"recording": str(row["recording"])} | {key: row.get(key) for key in of}
         made.append(first | {"reliable": is_reliable(row)} | cells)
-    return many_table.as_csv(in_order(made, lambda row: parsed(row["date"])), columns)
+    return many_table.as_csv(made, columns)
+
+
+def _taken(row: Mapping[str, Any]) -> datetime | None:
+    return parsed(row["date"])
 
 
 def picture(found: Sequence[Trend]) -> bytes:
@@ -185,7 +214,7 @@ def picture(found: Sequence[Trend]) -> bytes:
 
 def _trend(motor: str, effect: str, figures: Sequence[Figure]) -> Trend:
     title = f"{effects()[effect].title} ({effect})" if effect else F_OVERALL
-    title += f" of motor no. {motor}" if motor else ""
+    title += f" of {motor}" if motor else ""
     unit = effects()[effect].amplitude.unit if effect else "N m s"
     at, per = _places(figures)
     line = line_through(at, [one.mean for one in figures], [one.sd for one in figures])

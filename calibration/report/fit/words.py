@@ -168,7 +168,8 @@ def next_command(found: AnyFit) -> str:
     left_out = dict.fromkeys(asked for one in found.recordings for asked in one.without)
     if len(folders) == 1:  # of one recording a file's name has none ahead
         left_out = {asked.removeprefix(f"{Path(*folders).resolve().name}/"): None for asked in left_out}
-    return shlex.join(["spinbench", "diagnose", *folders, *(f"--without={asked}" for asked in left_out)])
+    words = ["spinbench", "diagnose", *(f"--without={asked}" for asked in left_out)]
+    return shlex.join([*words, *["--"] * any(one.startswith("-") for one in folders), *folders])
 
 
 def p_in_words(p: float) -> str:

@@ -157,16 +157,15 @@ def test_a_fit_s_row_has_every_unknown():
         "convergence": {"rhat_max": 1.001, "ess_min": 2100.0},
         "fit_quality": {"p_value": 0.0001, "model_fits": False, "why": "The torque balance does not close."},
     }
-    rows = [
-        many_table.fit_row(Result("good", {"posterior": found, "date": "2026-05-28", "motor_serial": "PTM-7"}, "", 9.0))
-    ]
+    of = {"date": "2026-05-28", "motor_serial": "PTM-7", "motor": "the motor ptm3600", "motor_sha256": "ab"}
+    rows = [many_table.fit_row(Result("good", {"posterior": found, **of}, "", 9.0))]
     rows.append(many_table.fit_row(Result("bad", None, "RecordingError: no flow", 0.1)))
     table = many_table.as_csv(rows, many_table.fit_columns(rows)).decode().splitlines()
     assert table == [
-        "name,date,motor_serial,error,seconds,p_value,model_fits,rhat_max,ess_min,"
+        "name,date,motor_serial,motor,motor_sha256,error,seconds,p_value,model_fits,rhat_max,ess_min,"
         "f_overall_mean,f_overall_sd,f_overall_q05,f_overall_q95",
-        "good,2026-05-28,PTM-7,,9.0,0.0001,False,1.001,2100.0,0.064,0.002,0.06,0.067",
-        "bad,,,RecordingError: no flow,0.1,,,,,,,,",
+        "good,2026-05-28,PTM-7,the motor ptm3600,ab,,9.0,0.0001,False,1.001,2100.0,0.064,0.002,0.06,0.067",
+        "bad,,,,,RecordingError: no flow,0.1,,,,,,,,",
     ]
 
 

@@ -181,7 +181,7 @@ def test_the_folder_of_another_recording_is_refused_in_a_line(killed, spinbench_
     before = {path: path.read_bytes() for path in (folder / "out").rglob("*") if path.is_file()}
     done = spinbench_here("fit", "other", "-o", "out", *BRIEF, cwd=folder)
     assert done.returncode == 2
-    assert "holds the chain of another recording, motor or setting" in done.stderr.splitlines()[-1]
+    assert "holds the chain of another recording, motor, setting or version" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert {path: path.read_bytes() for path in (folder / "out").rglob("*") if path.is_file()} == before
 

@@ -176,6 +176,13 @@ def test_a_chain_with_effects_is_not_taken_for_one_without(rubbing):
     assert marks[0] == fit.fingerprint(rubbing, motor, measured, Settings())
 
 
+def test_a_chain_of_other_code_is_not_gone_on_with(rubbing, monkeypatch):
+    motor, measured, _ = fit.prepare(rubbing)
+    mark = fit.fingerprint(rubbing, motor, measured, Settings())
+    monkeypatch.setattr(fit, "imported_sha256", lambda *roots: "another")
+    assert fit.fingerprint(rubbing, motor, measured, Settings()) != mark
+
+
 @pytest.mark.parametrize(("kind", "folded"), [("size", False), ("halfsize", True)])
 def test_a_size_has_the_prior_with_the_long_tails_that_a_diagnosis_gives_it(kind, folded):
     unknown = Unknown("coulomb_friction.torque_nm", "N m", kind, 0.0, 0.15, "")

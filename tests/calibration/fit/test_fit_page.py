@@ -121,9 +121,11 @@ def test_the_next_command_can_be_typed_as_it_stands(found):
     (less,) = without([folder], [f"{folder.files[0].file}:1", f"{folder.files[0].file}:2"])
     words = fit_words.next_command(dataclasses.replace(found, recording=less))
     asked = [f"--without={folder.files[0].file}:{row}" for row in (1, 2)]
-    assert shlex.split(words) == ["spinbench", "diagnose", "my runs/a;b", *asked]
+    assert shlex.split(words) == ["spinbench", "diagnose", *asked, "my runs/a;b"]
     of_several = dataclasses.replace(less, without=tuple(f"a;b/{one}" for one in less.without))
     assert fit_words.next_command(dataclasses.replace(found, recording=of_several)) == words
+    dashed = dataclasses.replace(folder, folder=Path("-may"))
+    assert fit_words.next_command(dataclasses.replace(found, recording=dashed)) == "spinbench diagnose -- -may"
 
 
 def test_a_folder_of_any_bytes_is_told_on_the_page(found):

@@ -446,7 +446,7 @@ def test_a_chain_is_made_longer_for_a_larger_target(whole):
 def test_the_chain_of_another_fit_is_refused_and_kept(whole):
     folder, _ = whole
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(ChainError, match="another recording, motor or setting"):
+    with pytest.raises(ChainError, match="another recording, motor, setting or version"):
         sample(banana, 3, np.ones_like, QUICK, folder, "theirs")
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 

@@ -157,7 +157,7 @@ def test_a_fit_that_is_killed_goes_on_to_the_same_posterior(found, bench, spinbe
 def test_another_set_of_recordings_is_another_fit(found, bench, spinbench_here):
     done = spinbench_here("fit", "one", "-o", "out", *BRIEF, cwd=bench)
     assert done.returncode == 2
-    assert "holds the chain of another recording, motor or setting" in done.stderr.splitlines()[-1]
+    assert "holds the chain of another recording, motor, setting or version" in done.stderr.splitlines()[-1]
 
 
 # Refusals

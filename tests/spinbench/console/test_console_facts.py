@@ -61,7 +61,7 @@ def test_every_end_has_a_word_of_its_own_and_what_to_do(tmp_path, ended, word):
         assert found["alarms"][0]["guidance"]
     if word == "tripped":
         assert (
-            f"spinbench runs show {writer.folder.name} --logs {writer.folder.parent}" in found["alarms"][0]["guidance"]
+            f"spinbench runs show --logs {writer.folder.parent} {writer.folder.name}" in found["alarms"][0]["guidance"]
         )
     if word in ("failed", "killed"):
         assert "Close the supply by hand" in found["alarms"][0]["guidance"]
