@@ -115,13 +115,11 @@ def _step(truth: Any, found: Any) -> dict[str, Any]:
 
     document = as_json(found)
     concealed = frozenset() if truth.category in ("none", "not_in_library") else frozenset(truth.ids)
-    rivals = [sorted(one.names) for one in found.rivals]
     return {
         "verdict": document["verdict"],
         "outcome": outcome(truth.category, concealed, document),
         "sets": [[one["id"] for one in document["effects"]], *document["alternatives"]],
-        "rivals": rivals,
-        "is_rival": sorted(concealed) in rivals,
+        "rivals": [sorted(one.names) for one in found.rivals],
         "promised": document["promised"],
     }
 
@@ -141,9 +139,8 @@ def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
     done = [one for one in rows if not one["error"]]
     open_ = [one for one in done if len(one["steps"]) > 1]
     given = [
-        {"ids": one["ids"], **promised} for one in open_ for step in one["steps"][1:] for promised in step["promised"]
+        {"ids": one["ids"], "is_among": is_among, **promised} for one in open_ for is_among, promised in _promises(one)
     ]
-    ratios = [one["delivered_nats"] / one["information_nats"] for one in given if one["information_nats"] > TOLD_APART]
     apart = [one for one in open_ if one["ids"] and _told_apart(one)]
     return {
         "code": code,
@@ -153,9 +150,8 @@ def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
         "failed": [f"{one['name']}: {one['error']}" for one in rows if one["error"]],
         "open": len(open_),
         "promises": given,
-        "ratio_median": float(np.median(ratios)) if ratios else None,
-        "ratio_quartiles": np.quantile(ratios, [0.25, 0.75]).tolist() if ratios else None,
-        "ratios": len(ratios),
+        "ratios": _ratios(given),
+        "ratios_with_truth": _ratios([one for one in given if one["is_among"]]),
         "told_apart": len(apart),
         "named_after": [sum(_is_named(one, day) for one in apart) for day in range(1, DAYS + 1)],
         "by_D": [
@@ -181,14 +177,28 @@ def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
 WRONG = ("wrong name", "false alarm")
 
 
-def _told_apart(one: Row) -> bool:
-    """Whether the truth was among what a test was to tell apart, and certainty was promised."""
+def _promises(one: Row) -> list[tuple[bool, dict[str, Any]]]:
+    """Each promise of a case, and whether the truth was among the explanations that the test was weighed for."""
+    from calibration.diagnosis.next_test.recommend import MOST_RIVALS
+
     pairs = zip(one["steps"][:-1], one["steps"][1:], strict=True)
-    return any(
-        before["is_rival"] and promised["information_nats"] > TOLD_APART
+    return [
+        (sorted(one["ids"]) in before["rivals"][:MOST_RIVALS], promised)
         for before, after in pairs
         for promised in after["promised"]
-    )
+    ]
+
+
+def _ratios(given: Rows) -> dict[str, Any]:
+    """Delivered over promised of the promises that count: how many, median and quartiles."""
+    found = [one["delivered_nats"] / one["information_nats"] for one in given if one["information_nats"] > TOLD_APART]
+    low, median, high = np.quantile(found, [0.25, 0.5, 0.75]).tolist() if found else (None, None, None)
+    return {"count": len(found), "median": median, "quartiles": [low, high]}
+
+
+def _told_apart(one: Row) -> bool:
+    """Whether the truth was among what a test was to tell apart, and certainty was promised."""
+    return any(is_among and promised["information_nats"] > TOLD_APART for is_among, promised in _promises(one))
 
 
 def _is_named(one: Row, day: int) -> bool:
@@ -197,7 +207,6 @@ def _is_named(one: Row, day: int) -> bool:
 
 def page(found: Row) -> str:
     """The result in words and a table."""
-    quartiles = found["ratio_quartiles"]
     lines = [
         "# What tests promised, and what they gave",
         "",
@@ -205,8 +214,9 @@ def page(found: Row) -> str:
         f"{found['open']} stayed open between explanations. Of those the first test that the bench can take was",
         "simulated as a recording of another day and given back, at most twice.",
         "",
-        f"- Promises above {TOLD_APART:g} nats: {found['ratios']}. Delivered over promised: median "
-        + (f"{found['ratio_median']:.2f}, quartiles {quartiles[0]:.2f} and {quartiles[1]:.2f}." if quartiles else "-."),
+        f"- Promises above {TOLD_APART:g} nats: {_in_words(found['ratios'])}",
+        f"- Of these with the truth among the explanations that the test was weighed for, three at most: "
+        f"{_in_words(found['ratios_with_truth'])}",
         f"- The truth among what such a test was to tell apart: {found['told_apart']} cases. Named after one test: "
         f"{found['named_after'][0]}, after two: {found['named_after'][1]}.",
         f"- Wrong names and false alarms: {found['wrong_before']} of {found['cases']} before, "
@@ -235,14 +245,25 @@ def page(found: Row) -> str:
     return "\n".join([*lines, *(as_markdown(grid) for grid in grids)])
 
 
+def _in_words(ratios: Mapping[str, Any]) -> str:
+    if not ratios["count"]:
+        return "none."
+    low, high = ratios["quartiles"]
+    told = f"median {ratios['median']:.2f}, quartiles {low:.2f} and {high:.2f}"
+    return f"{ratios['count']}. Delivered over promised: {told}."
+
+
 def picture(found: Row) -> bytes:
     """Promised against delivered nats, as a PNG."""
-    from calibration.report.style import FAINT, MEASURED, drawing, name_axes, png
+    from calibration.report.style import FAINT, drawing, name_axes, png, series
 
-    given = found["promises"]
     with drawing() as (figure, axes):
-        axes.axline((0.0, 0.0), (1.0, 1.0), color=FAINT, linewidth=0.8)
-        axes.plot(*([one[key] for one in given] for key in ("information_nats", "delivered_nats")), **MEASURED)
+        axes.axline((0.0, 0.0), (1.0, 1.0), color=FAINT, linewidth=0.8, label="as promised")
+        for i, (is_among, label) in enumerate(((True, "the truth was weighed"), (False, "it was not"))):
+            there = [one for one in found["promises"] if one["is_among"] == is_among]
+            places = ([one[key] for one in there] for key in ("information_nats", "delivered_nats"))
+            axes.plot(*places, label=label, **series(i) | {"marker": "os"[i], "linestyle": "none"})
+        axes.legend(loc="best")
         axes.set_xscale("symlog", linthresh=1.0)
         axes.set_yscale("symlog", linthresh=1.0)
         name_axes(axes, ("promised", "nats"), ("delivered", "nats"))

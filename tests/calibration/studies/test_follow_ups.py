@@ -37,37 +37,40 @@ def test_the_test_of_another_day_is_the_one_that_was_asked_for_in_another_room(c
     assert second.ambient.pressure_bar_abs != first.ambient.pressure_bar_abs
 
 
-def step(outcome: str, is_rival: bool, *promised: float) -> dict:
+def step(outcome: str, rivals: str, *promised: float) -> dict:
     told = [{"test": "a test", "information_nats": promised[0], "delivered_nats": promised[1]}] if promised else []
-    return {"outcome": outcome, "is_rival": is_rival, "promised": told}
+    return {"outcome": outcome, "rivals": [one.split("+") for one in rivals.split()], "promised": told}
 
 
 def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
+    listed, open_ = "truth listed", "a+b windage leakage inertia"  # the fourth is weighed by no test
     cases = [
-        {"ids": ["windage"], "D": 9.0, "steps": [step("truth listed", True), step("right", False, 20.0, 10.0)]},
-        {"ids": ["leakage"], "D": 8.0, "steps": [step("truth listed", True), step("truth listed", True, 30.0, 30.0)]},
-        {"ids": ["inertia"], "D": 2.0, "steps": [step("missed", True), step("wrong name", False, 5.0, 40.0)]},
-        {"ids": [], "D": 0.0, "steps": [step("right", False)]},
-        {"ids": ["flow_scale"], "D": None, "steps": [step("right", True)]},
+        {"ids": ["windage"], "D": 9.0, "steps": [step(listed, open_), step("right", "", 20.0, 10.0)]},
+        {"ids": ["leakage"], "D": 8.0, "steps": [step(listed, open_), step(listed, open_, 30.0, 30.0)]},
+        {"ids": ["inertia"], "D": 2.0, "steps": [step("missed", open_), step("wrong name", "", 20.0, 40.0)]},
+        {"ids": [], "D": 0.0, "steps": [step("right", "")]},
+        {"ids": ["flow_scale"], "D": None, "steps": [step("right", "flow_scale"), step("right", "", 5.0, 1.0)]},
     ]
     kept = [{"name": f"case-{i}", "error": "", "code": "ab"[i > 1], "sweep": i == 0} for i in range(len(cases))]
     rows = [case | one for case, one in zip(cases, kept, strict=True)]
     found = summary([*rows, {"name": "case-9", "error": "ValueError: no"}], 1, "code")
-    assert (found["cases"], found["open"], found["ratios"]) == (5, 3, 2)
-    assert found["ratio_median"] == pytest.approx(0.75)
+    assert (found["cases"], found["open"]) == (5, 4)
+    assert found["ratios"] == {"count": 3, "median": 1.0, "quartiles": [0.75, 1.5]}
+    assert found["ratios_with_truth"] == {"count": 2, "median": 0.75, "quartiles": [0.625, 0.875]}
     assert (found["told_apart"], found["named_after"]) == (2, [1, 1])
     assert (found["wrong_before"], found["wrong_after"]) == (0, 1)
     words = page(found)
-    assert "5 cases of the second rig, 1 of them a sweep alone at first.\n3 stayed open" in words
-    assert "median 0.75" in words and "| windage | 9.0 | truth listed, then right | a test |" in words
+    assert "5 cases of the second rig, 1 of them a sweep alone at first.\n4 stayed open" in words
+    assert "three at most: 2. Delivered over promised: median 0.75, quartiles 0.62 and 0.88." in words
+    assert "| windage | 9.0 | truth listed, then right | a test |" in words
     assert "| below 3 | 1 missed |" in words and "| 7 and more | 2 truth listed |" in words
     assert "States of the code: 2, with 2 and 3 cases." in words
-    assert "case-9: ValueError: no" in words and "| flow_scale |  | right |  |" in words
+    assert "case-9: ValueError: no" in words and "| flow_scale |  | right, then right | a test |" in words
     assert picture(found).startswith(b"\x89PNG")
 
 
 def made(argument: Mapping[str, Any]) -> dict[str, Any]:
-    return {"ids": [], "D": None, "sweep": False, "steps": [step("right", False)], "seed": argument["seed"]}
+    return {"ids": [], "D": None, "sweep": False, "steps": [step("right", "")], "seed": argument["seed"]}
 
 
 def test_cases_of_an_earlier_campaign_count_once(tmp_path, capsys):
