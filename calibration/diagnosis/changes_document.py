@@ -10,7 +10,7 @@ import numpy as np
 from calibration.data.dates import as_text
 from calibration.diagnosis import changes
 from calibration.diagnosis.changes import Answer, Moved
-from calibration.diagnosis.document import next_tests_as_json
+from calibration.diagnosis.document import next_tests_as_json, suspect_rows
 from calibration.diagnosis.result import Diagnosis, several_of
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.systems.several.sharing import OF_THE_MOTOR_CHANGED
@@ -41,6 +41,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             "changes": [_change(found, name, name in names) for name in dict.fromkeys([*names, *further])],
             "sets": [_explanation(one) for one in found.candidates[:MOST_SETS]],
             "next_tests": next_tests_as_json(found.next_tests),
+            "suspect_rows": suspect_rows(found),
             "why": verdict.why,
             "files": found.comparison.rows_used(),
         }

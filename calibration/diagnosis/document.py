@@ -58,9 +58,7 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
             for c in found.rivals
         ],
         "promised": [asdict(one) for one in found.promised],
-        "suspect_rows": [
-            {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
-        ],
+        "suspect_rows": suspect_rows(found),
         "resolves": [{"id": one.effect, **{key: getattr(one, key) for key in OF_A_RESOLVED}} for one in found.resolved],
         "not_observable": found.comparison.places.not_observable(found.base),
         "check": list(found.comparison.check) if found.not_described else [],
@@ -68,6 +66,13 @@ def as_json(found: Diagnosis) -> dict[str, Any]:
         "files": found.comparison.rows_used(),
     }
     return finite(document | of_a_machine(found) if found.comparison.rig else document)
+
+
+def suspect_rows(found: Diagnosis) -> list[dict[str, Any]]:
+    """The readings that are taken for bad, as in diagnosis/1."""
+    return [
+        {"file": file, "row": row, "channel": channel, "probability": p} for file, row, channel, p in found.bad_rows
+    ]
 
 
 def set_probability(verdict: Verdict) -> float:

@@ -94,6 +94,7 @@ def _of_one(found: Diagnosis, several: Several, k: int) -> Diagnosis:
         nuisances = (share @ nuisances[0], np.sqrt(share**2 @ nuisances[1] ** 2))
     return replace(
         found,
+        places=[one for one in found.places if one.recording in ("", several.names[k])],
         comparison=several.parts[k],
         base=several.of_part(k, found.base),
         detection=replace(found.detection, u=found.detection.u[several.noise.places(k)]),

@@ -12,8 +12,8 @@ from model.layout import L_MIN, RPM
 FAMILIAR = {"m3/s": ("L/min", L_MIN), "Pa": ("kPa", 1e-3), "rad/s": ("rpm", RPM)}  # unit of a person, and the factor
 # What stands beneath every list of recommended tests.
 CAUTION = (
-    "What a test promises is an expectation: it supposes that one of the explanations weighed is right (the range: "
-    "which of them), and leaves out the noise of the new readings; where none of them is right, it may give far less."
+    "A test gives as often more as less than it promises, if one of the explanations weighed is right (the range: "
+    "which of them). The noise of the new readings is left out. Where none of them is right, it may give far less."
 )
 CERTAIN = 1e6  # odds that are told no further
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of a power of ten

@@ -168,7 +168,7 @@ def compare(
         data = files.json_bytes(found.document)
         if out is not None:
             tell("report")
-            write_report(out, {page.JSON: data} | page.report(found.found, found.document), page.JSON)
+            write_report(out, {page.JSON: data} | page.report(found.found, found.document, found.notes), page.JSON)
     deliver(data, [words.table(found.document)], json_file)
     print(found.sentence, file=sys.stderr)
     remark(*few_used(found.document["files"]), steps_in_words(found.found.seconds))

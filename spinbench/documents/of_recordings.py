@@ -269,6 +269,7 @@ class Comparison(Document):
     changes: list[Change]
     sets: list[Explanation]
     next_tests: list[NextTest]
+    suspect_rows: list[SuspectRow]
     why: str
     files: list[FileRows]
 

@@ -56,7 +56,10 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Place:
-    """One place, as in diagnosis/1; numbers SI. `recording`: of several recordings the one that it is in."""
+    """One place, as in diagnosis/1; numbers SI.
+
+    `recording`, `file`: of several recordings the one that it is in, and the run in time or the file; else empty.
+    """
 
     kind: Kind
     channel: str
@@ -68,6 +71,7 @@ class Place:
     sentence: str
     same_as: tuple[str, ...]
     recording: str = ""
+    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -199,7 +203,17 @@ def _place(one: _Tested, where: tuple[float, float], same: tuple[str, ...], acts
             along = f"depends on the shaft's angle{of}: something comes with every turn"
         sentence = f"The {NAMES.get(balance, f'{balance} error')} {along} (seen in the {force.channel}{by_a_meter})."
     return Place(
-        kind, force.channel, balance, force.coordinate, where, force.unit, one.p, sentence, same, force.recording
+        kind,
+        force.channel,
+        balance,
+        force.coordinate,
+        where,
+        force.unit,
+        one.p,
+        sentence,
+        same,
+        force.recording,
+        force.file,
     )
 
 
@@ -261,4 +275,4 @@ def rows_as_places(bad: Sequence[tuple[str, int, str, float]]) -> list[Place]:
 
 def _row_place(file: str, row: int, channel: str, p: float) -> Place:
     sentence = f"The {channel} in {file}, row {row}, stands out from everything else."
-    return Place(Kind.ROW, channel, "sensor", "row", (float(row), float(row)), "1", p, sentence, ())
+    return Place(Kind.ROW, channel, "sensor", "row", (float(row), float(row)), "1", p, sentence, (), file=file)

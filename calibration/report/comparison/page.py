@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from calibration.data.rows_used import few_used, in_words_of
@@ -16,7 +16,7 @@ from calibration.report.fit.words import rounded
 from calibration.report.render import HTML, PNG, Grid, inline, render, step_times, versions
 from calibration.report.sets_in_words import in_a_row
 from calibration.report.style import png
-from calibration.report.units import CAUTION, on_an_axis, promise_in_short
+from calibration.report.units import CAUTION, how_taken, on_an_axis, promise_in_short
 from calibration.unknowns.effects import changed, is_change, unchanged
 from model.effects import effects
 from rig.recording.origin import parsed
@@ -29,10 +29,14 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 MOST, MOST_WIDE = 6, 38  # changes that are drawn, and characters of a line of their titles
 
 
-def report(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, bytes]:
-    """Files of the report by name: ``report.html``, ``report.png``."""
+def report(found: Diagnosis, document: Mapping[str, Any], notes: Sequence[str] = ()) -> dict[str, bytes]:
+    """Files of the report by name: ``report.html``, ``report.png``.
+
+    `notes`: what was left out or assumed of the recordings, and of their order, a sentence each.
+    """
     drawn = png(picture(document))
-    return {HTML: render("comparison.html.j2", context(found, document) | {"picture": inline(drawn)}), PNG: drawn}
+    filled = context(found, document, notes) | {"picture": inline(drawn)}
+    return {HTML: render("comparison.html.j2", filled), PNG: drawn}
 
 
 def picture(document: Mapping[str, Any]) -> Figure:
@@ -61,7 +65,7 @@ def panels(document: Mapping[str, Any]) -> list[Panel]:
     return made
 
 
-def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
+def context(found: Diagnosis, document: Mapping[str, Any], notes: Sequence[str]) -> dict[str, Any]:
     """The texts and tables of the page."""
     problem, p = several_of(found).problem, document["unchanged_probability"]
     return {
@@ -78,7 +82,7 @@ def context(found: Diagnosis, document: Mapping[str, Any]) -> dict[str, Any]:
         "tests": _test_table(document),
         "caution": CAUTION,
         "seen": _seen_table(found),
-        "notes": [*few_used(document["files"]), *(w for part in problem.parts for w in part.recording.warnings)],
+        "notes": [*few_used(document["files"]), *notes],
         "seconds": step_times(found.seconds),
         "versions": versions(),
         "sha256": " and ".join(part.recording.sha256 for part in problem.parts if part.recording.sha256),
@@ -132,7 +136,7 @@ def _set_table(document: Mapping[str, Any]) -> Grid:
 def _test_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (
-            f"{test['test']}: {test['command']}" if test["command"] else test["test"],
+            f"{test['test']}: {how_taken(test)}",
             in_a_row([[unchanged(name) for name in one.split("+")] for one in test["separates"]], "and"),
             promise_in_short(test),
         )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from calibration.report.diagnosis.table import tests
-from calibration.report.diagnosis.words import p_in_words, quantity
+from calibration.report.diagnosis.words import p_in_words, quantity, reading_in_words
 from calibration.report.fit.words import probability
 from calibration.report.render import findings
 from calibration.report.sets_in_words import listed, titles
@@ -22,6 +22,19 @@ LEAST = 1e-3  # probability that is told as such
 
 def sentence(found: Mapping[str, Any]) -> str:
     """The answer as a person would say it."""
+    return f"{_answer(found)}{_stands_out(found)}"
+
+
+def _stands_out(found: Mapping[str, Any]) -> str:
+    """The readings that are taken for bad, in a sentence after a space; empty where there are none."""
+    rows = [reading_in_words(row) for row in found["suspect_rows"]]
+    if not rows:
+        return ""
+    more = [f"{len(rows) - MOST_ROWS} more"] * (len(rows) > MOST_ROWS)
+    return f" Taken for bad: {listed([*rows[:MOST_ROWS], *more])}."
+
+
+def _answer(found: Mapping[str, Any]) -> str:
     verdict, p = found["verdict"], p_in_words(found["mismatch"]["p_value"])
     first, *others = found["explanations"] or [None]
     both = f" Both have {titles(first['shared'])}." if first and first["shared"] else ""
@@ -104,6 +117,7 @@ def table(found: Mapping[str, Any]) -> Table:
     rows = [("verdict", f"{found['verdict']} ({p_in_words(found['mismatch']['p_value'])})")]
     if found["unchanged_probability"] is not None:
         rows.append(("nothing changed", f"probability {chance(found['unchanged_probability'])}"))
+    rows += [("bad reading", reading_in_words(row)) for row in found["suspect_rows"][:MOST_ROWS]]
     sets = found["explanations"][:MOST_ROWS]
     rows += [("explanation", f"{called_set(one)} ({chance(one['probability'])})") for one in sets]
     for change in found["changes"][:MOST_ROWS]:

@@ -15,6 +15,7 @@ from calibration.report import style
 from calibration.report.diagnosis import numbers, sets
 from calibration.report.diagnosis.numbers import Coordinate, Curve, Model
 from calibration.report.diagnosis.sets import Interval
+from calibration.systems.radial_piston.predict import gauge
 from calibration.systems.radial_piston.predict.kinds import RUN, STANDING
 from configs.units import BAR
 from model.layout import L_MIN, RPM
@@ -69,7 +70,9 @@ def held_rotor(found: Diagnosis, models: Sequence[Model]) -> bytes:
     mine = np.flatnonzero(numbers.of_motor(found).kind == STANDING)
     rows = np.flatnonzero(np.isfinite(standing.pressure))
     rows = rows[np.argsort(standing.pressure[rows])]
-    pressure, flow = standing.pressure[rows] / BAR, standing.flow[rows] * L_MIN
+    room = numbers.of_motor(found).problem.motor.si("ambient_pressure")
+    pressure = gauge.absolute(standing.pressure, standing.is_gauge, room)[rows] / BAR
+    flow = standing.flow[rows] * L_MIN
     with style.drawing(height_in=2.6) as (figure, panel):
         panel.errorbar(
             pressure, flow, Q95 * standing.sd[rows] * L_MIN, ecolor=style.INK, **style.MEASURED, label="read"
@@ -80,7 +83,7 @@ def held_rotor(found: Diagnosis, models: Sequence[Model]) -> bytes:
         panel.axhline(0.0, color=style.INK, linewidth=0.8)
         panel.margins(x=0.1, y=0.15)
         panel.legend(fontsize=7.5)
-        style.name_axes(panel, ("pressure reading", "bar"), ("flow, rotor held", "L/min"))
+        style.name_axes(panel, ("pressure", "bar abs"), ("flow, rotor held", "L/min"))
         return style.png(figure)
 
 
@@ -206,7 +209,7 @@ def _run_panels(upper: Axes, lower: Axes | None, found: Diagnosis, models: Seque
         if lower is not None:
             lower.plot(time, difference, color=colour, linestyle=line, linewidth=1.0)
     for place in found.places:
-        if lower is not None and place.coordinate == "phase" and _is_of(place.where, time):
+        if lower is not None and place.coordinate == "phase" and place.file == run.file:
             lower.axvspan(*place.where, color=style.SHADE, zorder=0)
     upper.set_title(run.file[:40], fontsize=8.5, parse_math=False)
     style.name_axes(upper, ("time" if lower is None else "", "s" if lower is None else "1"), ("speed", "rpm"))
@@ -214,11 +217,6 @@ def _run_panels(upper: Axes, lower: Axes | None, found: Diagnosis, models: Seque
         lower.axhline(0.0, color=style.INK, linewidth=0.8)
         lower.sharex(upper)
         style.name_axes(lower, ("time", "s"), ("residual", "rpm"))
-
-
-def _is_of(where: tuple[float, float], time: np.ndarray) -> bool:
-    """Whether a span lies within a run: places of runs do not tell which."""
-    return bool(where[0] >= time[0] - 1e-6 and where[1] <= time[-1] + 1e-6)
 
 
 def _curve_panel(panel: Axes, curve: Curve) -> None:

@@ -12,6 +12,7 @@ from calibration.diagnosis.steps.correction import Correction, corrections
 from calibration.diagnosis.steps.locate import METERS, Kind
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict import gauge
 from calibration.systems.radial_piston.predict.kinds import FLOW, SPEED
 from configs.units import BAR
 from model.layout import L_MIN, RPM
@@ -21,7 +22,7 @@ KINDS = {"flow": FLOW, "speed": SPEED}
 FAMILIAR = {
     "speed": ("rpm", RPM),
     "time": ("min", 1.0 / 60.0),
-    "pressure": ("bar", 1.0 / BAR),
+    "pressure": ("bar abs", 1.0 / BAR),
     "flow": ("L/min", L_MIN),
 }
 ERRORS = {"pressure": ("kPa", 1e-3), "flow": ("L/min", L_MIN), "speed": ("rpm", RPM)}  # of each channel's instrument
@@ -88,11 +89,13 @@ def of_motor(found: Diagnosis) -> Comparison:
 
 def coordinates(found: Diagnosis) -> list[Coordinate]:
     """Speed, pressure and time of the plateaus; those that do not change are left out."""
-    plateaus = of_motor(found).problem.blocks.plateaus
+    problem = of_motor(found).problem
+    plateaus = problem.blocks.plateaus
     if not plateaus.size:
         return []
+    line = gauge.absolute(plateaus.pressure, plateaus.is_gauge, problem.motor.si("ambient_pressure"))
     along = [
-        Coordinate("pressure reading", "bar", plateaus.pressure / BAR),
+        Coordinate("pressure", "bar abs", line / BAR),
         Coordinate("speed", "rpm", found.base.prediction.speed * RPM),
         Coordinate("time", "min", plateaus.time / 60.0),
     ]

@@ -204,8 +204,14 @@ def _excluded(found: Diagnosis, document: Mapping[str, Any]) -> str:
         return ""
     odds = sets.odds(found, one)
     file, share = sets.told_by(found, one)
-    by = f", by {file} above all" if share >= CLEAR and numbers.of_motor(found).problem.blocks.runs else ""
+    is_clear = share >= CLEAR and numbers.of_motor(found).problem.blocks.runs and not _are_several(document)
+    by = f", by {file} above all" if is_clear else ""
     return f"Excluded with odds of {_odds(odds)}{by}: {titles(one.names)}."
+
+
+def _are_several(document: Mapping[str, Any]) -> bool:
+    """Whether a diagnosis is of several recordings, whose files stand with their names."""
+    return len({one["file"].rpartition("/")[0] for one in document["files"]}) > 1
 
 
 def _rivals(found: Diagnosis, document: Mapping[str, Any]) -> list[str]:
@@ -242,7 +248,9 @@ def _place_table(document: Mapping[str, Any]) -> Grid:
     rows = tuple(
         (
             words.ERRORS[place["balance"]],
-            f"{place['channel']} of {place['recording']}" if place["recording"] else place["channel"],
+            place["channel"]
+            + f" in {place['file']}" * (place["coordinate"] == "phase")
+            + (f" of {place['recording']}" if place["recording"] else ""),
             place["coordinate"],
             "" if place["coordinate"] == "direction" else words.span_in_words(place),
             ", ".join(place["same_as"]) or "nothing",

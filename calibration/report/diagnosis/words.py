@@ -86,7 +86,7 @@ def span_in_words(place: Mapping[str, Any], between: str = "to") -> str:
     """From where to where, in a person's unit. `between`: the word between the two figures."""
     if place["coordinate"] == "row":
         return f"row {place['where'][0]:g}"
-    unit, factor = {**FAMILIAR, "Pa": ("bar", 1.0 / BAR)}.get(place["unit"], (place["unit"], 1.0))
+    unit, factor = {**FAMILIAR, "Pa": ("bar abs", 1.0 / BAR)}.get(place["unit"], (place["unit"], 1.0))
     low, high = (float(f"{factor * float(end):.3g}") for end in place["where"])
     return f"{low:g} {between} {high:g} {unit}".removesuffix(" 1")
 

@@ -231,7 +231,7 @@ def _ridge_panel(panel: Axes, posterior: Posterior, name: str) -> None:
         panel.ticklabel_format(axis="x", style="sci", scilimits=(-4, 6))
     correlation = float(np.corrcoef(x, y)[0, 1])
     panel.set_title(f"correlation {correlation:+.2f}".replace("-", "−"), fontsize=8.5)
-    style.name_axes(panel, (name.replace(": ", ":\n"), other.unit), (target.name, target.unit))
+    style.name_axes(panel, (style.plain(name.replace(": ", ":\n")), other.unit), (target.name, target.unit))
 
 
 def _forest_panel(panel: Axes, posterior: Posterior, variants: Variants) -> None:

@@ -17,6 +17,7 @@ from calibration.report.fit.words import rounded, uncertainty
 from calibration.report.render import HTML, PNG, Grid, inline
 from calibration.report.units import in_a_table, on_an_axis
 from calibration.systems.radial_piston.comparison import Comparison
+from calibration.systems.radial_piston.predict import gauge
 from calibration.systems.radial_piston.predict.kinds import FLOW, RUN, SPEED
 from calibration.systems.several.problem import SeveralProblem
 from configs.units import BAR
@@ -48,12 +49,21 @@ def report(found: WholeFit, variants: page.Variants) -> dict[str, bytes]:
 
 
 def plateaus(found: WholeFit) -> Figure:
-    """Speed and flow of the plateaus against pressure, with what new readings would be, and the residuals."""
-    with style.drawing(2, 2, height_in=4.7, sharex=True, squeeze=False, height_ratios=(3, 2)) as (figure, axes):
-        for column, (name, kind, factor, unit) in enumerate(CHANNELS):
-            for k, (recording, part, at) in enumerate(parts_of(found.comparison)):
-                mine = np.flatnonzero((part.kind == kind) & part.known)
-                pressure = part.problem.blocks.plateaus.pressure[part.index[mine]] / BAR
+    """Speed and flow of the plateaus against pressure, with what new readings would be, and the residuals.
+
+    Of the channels that a plateau was read of; of both where there is none.
+    """
+    parts = list(parts_of(found.comparison))
+    read_of = [one for one in CHANNELS if any(part.known[part.kind == one[1]].any() for _, part, _ in parts)]
+    read_of = read_of or list(CHANNELS)
+    columns = len(read_of)
+    with style.drawing(2, columns, height_in=4.7, sharex=True, squeeze=False, height_ratios=(3, 2)) as (figure, axes):
+        for column, (name, kind, factor, unit) in enumerate(read_of):
+            for k, (recording, part, at) in enumerate(parts):
+                mine, plateaus = np.flatnonzero((part.kind == kind) & part.known), part.problem.blocks.plateaus
+                room = part.problem.motor.si("ambient_pressure")
+                line = gauge.absolute(plateaus.pressure, plateaus.is_gauge, room)[part.index[mine]]
+                pressure = line / BAR
                 bands, read = found.bands[:, at[mine]] * factor, part.read[mine] * factor
                 look = style.MEASURED | {"marker": MARKS[k % len(MARKS)], "markersize": 4.5}
                 for panel, less in ((axes[0, column], 0.0), (axes[1, column], bands[2])):
@@ -61,7 +71,7 @@ def plateaus(found: WholeFit) -> Figure:
                         panel.vlines(pressure, bands[low] - less, bands[high] - less, color=colour, linewidth=width)
                     panel.plot(pressure, read - less, **look, label=style.plain(recording[:40]) or "measured")
             style.name_axes(axes[0, column], ("", "1"), (name, unit))
-            style.name_axes(axes[1, column], ("pressure reading", "bar"), ("residual", unit))
+            style.name_axes(axes[1, column], ("pressure", "bar abs"), ("residual", unit))
             axes[1, column].axhline(0.0, color=style.COLOURS[0], linewidth=1.0)
         axes[0, 0].legend(loc="upper left", fontsize=7.5)
         figure.suptitle(page.on_the_picture(found), x=0.01, ha="left", fontsize=10, fontweight="bold", parse_math=False)

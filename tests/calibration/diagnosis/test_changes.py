@@ -16,7 +16,7 @@ from calibration.diagnosis.steps.candidate import Candidate
 from calibration.diagnosis.steps.search import Search
 from calibration.diagnosis.steps.verdict import judge
 from calibration.likelihood.descent import find
-from calibration.report.comparison import page
+from calibration.report.comparison import page, words
 from calibration.report.fit.words import rounded
 from calibration.systems.look_up import compared
 from calibration.systems.several.sharing import Sharing
@@ -84,6 +84,18 @@ def test_a_leak_of_the_second_day_alone_is_found_there(tmp_path: Path, monkeypat
     written = page.report(made, found)["report.html"]
     for width in (1200, 800):
         assert browser.misfits(written, tmp_path, width) == []
+
+
+def test_readings_that_are_taken_for_bad_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = [recorded(tmp_path / name, seed, {}, monkeypatch) for name, seed in (("may", 3), ("june", 8))]
+    rows = [line.split(",") for line in (tmp_path / "june" / "sweep.csv").read_text(encoding="utf-8").splitlines()]
+    flow = rows[0].index("flow_l_min")
+    rows[4][flow] = f"{10.0 * float(rows[4][flow]):.3f}"
+    (tmp_path / "june" / "sweep.csv").write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
+    found = weighed(pair[0], read_recording(tmp_path / "june"))
+    told = [(one["file"], one["row"], one["channel"]) for one in found["suspect_rows"]]
+    assert (found["verdict"], told) == ("unchanged", [("june/sweep.csv", 4, "flow")])
+    assert words.sentence(found).endswith("Taken for bad: june/sweep.csv, row 4: flow.")
 
 
 def test_a_change_acts_in_the_later_recording_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,6 +184,8 @@ def test_a_motor_with_more_friction_is_told_with_how_much_in_json_and_page(
 ) -> None:
     for name, seed, factor in (("may", 3, 1.0), ("june", 8, 1.15)):
         recorded(tmp_path / name, seed, {}, monkeypatch, factor)
+        with (tmp_path / name / "recording.toml").open("a", encoding="utf-8") as file:
+            file.write(f'[origin]\ndate = "2026-0{9 - seed}-01"\n')  # the second is the earlier one
     done = spinbench("compare", tmp_path / "may", tmp_path / "june", "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
@@ -187,6 +201,7 @@ def test_a_motor_with_more_friction_is_told_with_how_much_in_json_and_page(
     check_python(sb.compare(tmp_path / "may", sb.open(tmp_path / "june")), found)
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "N m s" in text and "may and june" in text
+    assert "is the earlier one by its date" in text
     assert "one motor that did not change: p " in text.replace("&lt;", "<")
     rows = [f"{one['file']}: {one['rows_used']} of {one['rows']} rows" for one in found["files"]]
     assert f"Rows used: {'; '.join(rows)}." in text

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -26,8 +27,10 @@ from calibration.data.refusals import refuse_unusable
 from calibration.data.rows_used import few_used
 from calibration.diagnosis import Diagnosis, as_json, diagnose, together
 from calibration.diagnosis.next_test.recommend import NextTest
+from calibration.diagnosis.result import of_each_recording
 from calibration.diagnosis.steps.confirm import Predicted
 from calibration.diagnosis.steps.discover import Term
+from calibration.diagnosis.steps.locate import Kind, Place
 from calibration.diagnosis.steps.verdict import Verdict, VerdictKind
 from calibration.fit import fit
 from calibration.fit.sampling import Settings
@@ -40,6 +43,7 @@ from calibration.report.diagnosis import sets as diagnosis_sets
 from calibration.report.diagnosis import table as diagnosis_table
 from calibration.report.diagnosis import words as diagnosis_words
 from calibration.report.units import CAUTION
+from calibration.systems.look_up import compared
 from calibration.systems.radial_piston.predict.problem import Problem
 from rig.recording import read_recording
 from tests import browser
@@ -481,10 +485,66 @@ def test_every_balance_and_every_instrument_is_pictured_along_what_it_could_hang
         ("flow", "L/min", "time", "min"),
     ]
     assert set(shown[4:]) == {
-        ("error", "kPa", "pressure", "bar"),
+        ("error", "kPa", "pressure", "bar abs"),
         ("error", "L/min", "flow", "L/min"),
         ("error", "rpm", "speed", "rpm"),
     }
+
+
+def beside(found: Diagnosis, comparison: Any, places: list[Place]) -> Diagnosis:
+    """A diagnosis of other readings that rests on nothing, with places."""
+    return dataclasses.replace(
+        found,
+        comparison=comparison,
+        base=comparison.base(),
+        candidates=[],
+        verdict=Verdict(VerdictKind.UNRESOLVED, None, (), 0.0, ""),
+        correction=None,
+        nuisances_corrected=None,
+        detection=dataclasses.replace(found.detection, u=np.zeros(100)),
+        places=places,
+    )
+
+
+def test_what_stands_out_in_one_recording_is_not_shaded_on_the_page_of_another(leak, tmp_path):
+    place = Place(Kind.METER, "flow", "sensor", "flow", (0.0, 1.0), "m3/s", 1e-4, "An error of the flow meter.", ())
+    named = [dataclasses.replace(place, recording=name) for name in ("", "june")]
+    both = compared([sweep(tmp_path / name, seed, {}) for name, seed in (("may", 3), ("june", 8))])
+    pages = of_each_recording(beside(leak, both, named))
+    assert {name: one.places for name, one in pages.items()} == {"may": named[:1], "june": named}
+
+
+def test_a_run_is_shaded_where_it_stands_out_itself_and_the_table_names_it(leak, tmp_path):
+    sweep(tmp_path / "one", 3, {})
+    recording = add_coast_down(tmp_path / "one", 3, {})
+    (run,) = compared(recording).problem.blocks.runs
+    place = Place(Kind.BALANCE, "speed", "torque", "phase", (0.0, 0.1), "s", 1e-4, "It is off.", ())
+    for file, shaded in ((run.file, 1), ("spin_up.csv", 0)):
+        found = beside(leak, compared(recording), [dataclasses.replace(place, file=file)])
+        figure, (upper, lower) = plt.subplots(2)
+        diagnosis_figures._run_panels(upper, lower, found, [], 0)
+        plt.close(figure)
+        assert len(lower.patches) == shaded
+        (row,) = diagnosis_page._place_table(as_json(found)).rows
+        assert row[1] == f"speed in {file}"
+
+
+def test_residuals_stand_along_absolute_pressure_whatever_the_gauge_counts_from(leak, tmp_path):
+    sweep(tmp_path / "one", 3, {})
+    absolute = compared(read_recording(tmp_path / "one"))
+    toml, table = (tmp_path / "one" / name for name in ("recording.toml", "sweep.csv"))
+    toml.write_text(toml.read_text().replace("channels.pressure_bar_abs", "channels.pressure_bar_gauge"))
+    header, *rows = (line.split(",") for line in table.read_text().splitlines())
+    room, column = absolute.problem.motor.si("ambient_pressure") / 1e5, header.index("pressure_bar_abs")
+    header[column] = "pressure_bar_gauge"
+    for row in rows:
+        row[column] = f"{float(row[column]) - room:.6f}"
+    table.write_text("\n".join(map(",".join, [header, *rows])) + "\n")
+    shown = [
+        numbers.coordinates(beside(leak, one, []))[0] for one in (absolute, compared(read_recording(tmp_path / "one")))
+    ]
+    assert {(one.name, one.unit) for one in shown} == {("pressure", "bar abs")}
+    assert shown[1].values == pytest.approx(shown[0].values, abs=2e-6)
 
 
 def test_the_file_that_speaks_against_a_rival_is_the_only_one_there_is(leak):

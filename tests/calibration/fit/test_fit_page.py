@@ -128,6 +128,16 @@ def test_the_next_command_can_be_typed_as_it_stands(found):
     assert fit_words.next_command(dataclasses.replace(found, recording=dashed)) == "spinbench diagnose -- -may"
 
 
+def test_an_unknown_of_a_recording_that_is_called_like_mathematics_is_pictured(found):
+    estimates = [
+        dataclasses.replace(one, unknown=dataclasses.replace(one.unknown, whose="may$_$1"))
+        if one.unknown.name != "f_overall"
+        else one
+        for one in found.posterior.estimates
+    ]
+    assert fit_figures.ridge(dataclasses.replace(found.posterior, estimates=estimates)).startswith(b"\x89PNG")
+
+
 def test_a_folder_of_any_bytes_is_told_on_the_page(found):
     folder = dataclasses.replace(found.recording, folder=Path(os.fsdecode(b"M\xfcller")))
     page = fit_page.report(dataclasses.replace(found, recording=folder), [])["report.html"].decode()

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,10 @@ from calibration.fit.surrogate import Surrogate, scattered, simulated, wanted
 from calibration.fit.transport import TransportMap
 from calibration.fleet import fit_all
 from calibration.likelihood.mode import minus_log_posterior
+from calibration.report.fit import whole as whole_page
 from calibration.studies.strata_draw import STRATA, case_of
+from calibration.systems.look_up import compared
+from calibration.systems.radial_piston.predict.kinds import FLOW
 from model.motor import read_motor
 from rig.recording import read_recording
 from tests.densities import log_normal
@@ -133,6 +137,16 @@ def test_its_report_shows_the_run_in_time_and_holds_sampling_against_laplace(fit
     assert page.count("data:image/png") >= 3
     assert "Laplace" in page
     assert "Traceback" not in fitted.stderr
+
+
+def test_a_channel_that_no_plateau_was_read_of_has_no_panel(tmp_path, monkeypatch):
+    sweep(tmp_path / "one", 3, {})
+    comparison = compared(read_recording(tmp_path / "one"))
+    comparison.known[comparison.kind == FLOW] = False
+    found = SimpleNamespace(comparison=comparison, bands=np.zeros((5, comparison.read.size)))
+    monkeypatch.setattr(whole_page.page, "on_the_picture", lambda _: "f_overall")
+    labels = [axes.get_ylabel() for axes in whole_page.plateaus(found).axes]
+    assert labels == ["speed (rpm)", "residual (rpm)"]
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Along, alike
+from calibration.systems.radial_piston.predict import gauge
 
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
@@ -34,7 +35,7 @@ def coordinates(comparison: Comparison, mode: Mode) -> dict[str, Along]:
     angle = tuple(np.cumsum(w * np.gradient(t)) for w, t in zip(speed, time, strict=True))
     found = {
         "speed": (mode.prediction.speed, speed),
-        "pressure": (plateaus.pressure + np.where(plateaus.is_gauge, ambient, 0.0), tuple(line)),
+        "pressure": (gauge.absolute(plateaus.pressure, plateaus.is_gauge, ambient), tuple(line)),
         "flow": (mode.prediction.flow, nothing),
         "time": (np.full(plateaus.size, np.nan) if plateaus.untimed else plateaus.time, time),
         "direction": (plateaus.up, nothing),

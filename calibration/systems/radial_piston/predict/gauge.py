@@ -9,6 +9,11 @@ from model.effects.effect import unknown_state
 from model.effects.laws import Chosen, behind_the_gauge, readings_of
 
 
+def absolute(reading: np.ndarray, is_gauge: np.ndarray | bool, ambient_pa: float) -> np.ndarray:
+    """Readings as absolute pressures, whatever the instrument counts from, shape (n,) [Pa]."""
+    return reading + np.where(is_gauge, ambient_pa, 0.0)
+
+
 def true_pressure(
     reading: np.ndarray, is_gauge: np.ndarray | bool, ambient_pa: float, errors: tuple[float, float], chosen: Chosen
 ) -> np.ndarray:
@@ -20,7 +25,7 @@ def true_pressure(
     """
     offset, scale = errors
     true = behind_the_gauge(chosen, (reading - offset) / (1.0 + scale))
-    return true + np.where(is_gauge, ambient_pa, 0.0)
+    return absolute(true, is_gauge, ambient_pa)
 
 
 def vented_readings(

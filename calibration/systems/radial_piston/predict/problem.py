@@ -101,11 +101,10 @@ class Problem(compared.Problem):
         }
         P_a = self.motor.si("ambient_pressure")
         plateaus = self.blocks.plateaus
-        self._gas = base_steady.gas_table(
-            self.motor, np.clip(plateaus.pressure + np.where(plateaus.is_gauge, P_a, 0.0), 5e4, 8e5)
-        )
+        line = gauge.absolute(plateaus.pressure, plateaus.is_gauge, P_a)
+        self._gas = base_steady.gas_table(self.motor, np.clip(line, 5e4, 8e5))
         standing = self.blocks.standing
-        line = np.nan_to_num(standing.pressure + np.where(standing.is_gauge, P_a, 0.0), nan=P_a)
+        line = np.nan_to_num(gauge.absolute(standing.pressure, standing.is_gauge, P_a), nan=P_a)
         gas = [base_steady.gas_table(self.motor, P)[0, at.GAS_R] for P in np.clip(line, 5e4, 8e5)]
         self._standing_gas = np.array(gas)
         self._sampled = [in_time.sampled(run) for run in self.blocks.runs]
