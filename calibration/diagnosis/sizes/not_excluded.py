@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.diagnosis.steps.candidate import Candidate
-from calibration.diagnosis.steps.name import BEYOND_SD, declared_size
+from calibration.diagnosis.steps.name import BEYOND_SD, declared_sizes
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.linearized import linearize
 from calibration.likelihood.mode import Mode
@@ -56,8 +56,9 @@ def undetected(
         g_perp = project(J, g)
         gain, mean = log_gain(replace(one, one_sided=False), g, g_perp, r)
         sd = (float(g @ g_perp) + one.sd**-2) ** -0.5
-        declared = declared_size(problem, one.effect, next(iter(one.unknowns))[1])
-        places = [f] if declared is None or declared[1] is None else [f, declared[1]]
+        of_size = declared_sizes(problem, one.effect, next(iter(one.unknowns))[1])
+        declared = {place: ratio for ratio, place in of_size if place is not None}
+        places = [f, *declared]
         a = mean + sd * rng.standard_normal(DRAWS)
         others = rng.multivariate_normal(mode.z[places], A_inverse[np.ix_(places, places)], DRAWS, method="cholesky")
         others -= np.outer(a, (A_inverse @ (J.T @ g))[places])
@@ -65,10 +66,11 @@ def undetected(
         possible, likely = np.ones(DRAWS, dtype=bool), np.ones(DRAWS, dtype=bool)
         if one.one_sided:
             possible, likely = a >= 0.0, before >= 0.0
-        if len(places) > 1 and declared is not None:
-            ratio = declared[0]
-            possible &= np.abs(ratio * a + others[:, 1]) >= BEYOND_SD
-            likely &= np.abs(ratio * before + rng.standard_normal(DRAWS)) >= BEYOND_SD
+        if declared:
+            ratios = np.array(list(declared.values()))
+            possible &= (np.abs(np.outer(a, ratios) + others[:, 1:]) >= BEYOND_SD).any(axis=1)
+            drawn = rng.standard_normal((DRAWS, ratios.size))
+            likely &= (np.abs(np.outer(before, ratios) + drawn) >= BEYOND_SD).any(axis=1)
         if possible.sum() < FEWEST or likely.sum() < FEWEST:
             continue
         bayes = gain + math.log(possible.mean() / likely.mean())

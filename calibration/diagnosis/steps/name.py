@@ -114,25 +114,21 @@ def beyond(problem: Problem, mode: Mode, name: str) -> float:
 def total_size(problem: Problem, mode: Mode, name: str) -> tuple[float, float, float, bool] | None:
     """Mean, sd and prior sd of a nuisance and the effect together, in declared sds; None where the effect has none.
 
-    Of an effect that each recording has for itself those where it is largest.
+    Of several recordings those where they are largest.
     """
     k, amplitude = len(problem.nuisances), problem.amplitude(name)
     found = [
-        size
+        _size_at(problem, mode, name, i, *declared)
         for i, (effect, unknown) in enumerate(problem.effect_unknowns(mode.names), start=k)
         if effect == name and is_size(unknown.name, amplitude)
-        if (size := _size_at(problem, mode, name, i, unknown.name)) is not None
+        for declared in declared_sizes(problem, name, unknown.name)
     ]
     return max(found, key=lambda size: abs(size[0]), default=None)
 
 
 def _size_at(
-    problem: Problem, mode: Mode, name: str, place: int, parameter: str
-) -> tuple[float, float, float, bool] | None:
-    declared = declared_size(problem, name, parameter)
-    if declared is None:
-        return None
-    ratio, nuisance = declared
+    problem: Problem, mode: Mode, name: str, place: int, ratio: float, nuisance: int | None
+) -> tuple[float, float, float, bool]:
     weights = {place: ratio} if nuisance is None else {place: ratio, nuisance: 1.0}
     index = np.array(list(weights))
     w = np.array(list(weights.values()))
@@ -141,23 +137,25 @@ def _size_at(
     return mean, sd, math.sqrt(float(w @ w)), problem.amplitude(name).low >= 0.0
 
 
-def declared_size(problem: Problem, name: str, parameter: str) -> tuple[float, int | None] | None:
+def declared_sizes(problem: Problem, name: str, parameter: str) -> list[tuple[float, int | None]]:
     """An effect's ordinary size in declared sds of the nuisance that it has the form of [-], and that one's place.
 
-    Without a place where the nuisance is no unknown of the recording; None where the effect has the form of none.
+    Without a place where the nuisance is no unknown; none where the effect has the form of none. Of several recordings
+    each has such a nuisance, or instruments that have a serial number.
     """
     effect, declared = problem.effect(name), problem.nuisance_of(name, parameter)
     scale = problem.amplitude(name).scale
     if effect.usual_sd is not None:
-        return scale / effect.usual_sd, None
-    nuisance = problem.place(declared) if declared else None
-    if declared is None or nuisance is None:
-        return None
-    unknown = problem.nuisances[nuisance]
-    unit = unknown.b * problem.in_si(declared)
-    if unknown.kind == "lognormal":  # which the effect multiplies, or adds to
-        unit = math.log(unknown.b) if effect.factors else unknown.a * (unknown.b - 1.0)
-    return scale / unit, nuisance
+        return [(scale / effect.usual_sd, None)]
+    found: list[tuple[float, int | None]] = []
+    for place, unknown in enumerate(problem.nuisances):
+        if not declared or declared not in (unknown.name, unknown.own):
+            continue
+        unit = unknown.b * problem.in_si(unknown.name)
+        if unknown.kind == "lognormal":  # which the effect multiplies, or adds to
+            unit = math.log(unknown.b) if effect.factors else unknown.a * (unknown.b - 1.0)
+        found.append((scale / unit, place))
+    return found
 
 
 def refusal(comparison: Compared, mode: Mode) -> Refusal | None:

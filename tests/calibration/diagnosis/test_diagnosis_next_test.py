@@ -22,9 +22,9 @@ from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Expected, Test
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
-from calibration.systems.radial_piston.next_tests.planned import FLYWHEEL, expected_readings, planned
+from calibration.systems.radial_piston.next_tests.planned import FLYWHEEL, _gauge_s, expected_readings, planned
 from calibration.systems.radial_piston.predict.problem import Problem
-from rig.recording import read_recording
+from rig.recording import Column, read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 
 
@@ -252,6 +252,33 @@ def test_tests_are_proposed_with_runs_in_time_in_the_recording_too(tmp_path):
     for test in found:
         assert math.isfinite(test.information_nats)
         assert test.repeats is None or test.repeats >= 1
+
+
+def test_a_run_is_promised_with_the_line_that_the_recording_shows(tmp_path):
+    """A line that empties as slowly as the rotor slows down hides what brakes it."""
+    sweep(tmp_path, 33, {})
+    comparison = Comparison(Problem(add_coast_down(tmp_path, 33, {})))
+    (test,) = [one for one in planned(comparison) if one.words.endswith("of three times the inertia")]
+    place = comparison.problem.place("coast_down.csv.venting_time")
+    modes = [find(comparison, names) for names in ((), ("coulomb_friction",))]
+
+    def promised(seconds: float) -> float:
+        z = float(comparison.problem.nuisances[place].z(seconds))
+        here = [replace(one, z=np.where(np.arange(one.z.size) == place, z, one.z)) for one in modes]
+        return even(*expected_readings(test, comparison, here))
+
+    assert promised(0.3) < 0.5 * promised(0.03)
+
+
+def test_a_gauge_that_repeats_itself_is_as_slow_as_it_measures(tmp_path):
+    sweep(tmp_path, 33, {})
+    recording = add_coast_down(tmp_path, 33, {})
+    (run,) = [file for file in recording.files if file.kind == "transient"]
+    time = run.columns["time_s"].values
+    held = 1.5 + 0.01 * np.floor(time / 0.05)
+    column = Column(held, np.zeros(held.size, np.int8))
+    files = [replace(run, columns={**run.columns, "pressure_bar_abs": column})]
+    assert _gauge_s(replace(recording, files=tuple(files)), "pressure_bar_abs") == pytest.approx(0.05, abs=0.006)
 
 
 def test_one_explanation_has_nothing_to_be_parted_from(comparison, base):

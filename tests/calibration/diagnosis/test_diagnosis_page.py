@@ -525,7 +525,7 @@ def test_a_run_is_shaded_where_it_stands_out_itself_and_the_table_names_it(leak,
         diagnosis_figures._run_panels(upper, lower, found, [], 0)
         plt.close(figure)
         assert len(lower.patches) == shaded
-        (row,) = diagnosis_page._place_table(as_json(found)).rows
+        (row,) = diagnosis_page._place_table({"located": [dataclasses.asdict(found.places[0])]}).rows
         assert row[1] == f"speed in {file}"
 
 

@@ -12,13 +12,14 @@ import numpy as np
 
 from calibration.data.blocks import levels
 from calibration.data.runs import RunInTime
-from calibration.data.runs_in_time import placeholders
+from calibration.data.runs_in_time import placeholders, repeated
 from calibration.likelihood.expected import MODEL_SD, Capture, Expected, directions
 from calibration.likelihood.function import Function, Predicts
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.predict.carried import carried, of_any_day
 from calibration.systems.radial_piston.predict.kinds import RUN
-from calibration.unknowns.priors import column_of, drift_of
+from calibration.systems.radial_piston.predict.supply import OF_THE_BENCH
+from calibration.unknowns.priors import OfRun, column_of, drift_of
 from configs.units import BAR
 from model.layout import RPM
 from rig.recording import DOWN_TO, LEAST_IN_A_RUN, UP_TO, Column, Recording, RecordingFile, captured_s
@@ -202,10 +203,17 @@ class _Bench:
 
 
 def _gauge_s(seen: Recording, column: str) -> float:
-    """How long it is from one reading of the gauge to the next in a recording's runs in time [s]."""
-    runs = [file.columns for file in seen.files if file.kind == "transient" and column in file.columns]
-    gaps = [np.diff(one["time_s"].values[np.isfinite(one[column].values)]) for one in runs]
-    found = np.concatenate([np.zeros(0), *gaps])
+    """How long it is from one reading of the gauge to the next in a recording's runs in time [s].
+
+    What only repeats the reading before is none.
+    """
+    gaps, figures = [np.zeros(0)], seen.channels[column]
+    for file in seen.files:
+        if file.kind == "transient" and column in file.columns:
+            values = file.columns[column].values
+            old = repeated(values, figures.noise_sd * file.noise_scale, figures.resolution)
+            gaps.append(np.diff(file.columns["time_s"].values[np.isfinite(values) & ~old]))
+    found = np.concatenate(gaps)
     return float(np.median(found)) if found.size else GAUGE_S
 
 
@@ -221,20 +229,37 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
     """What a test would read under each rival, with all that the recording leaves open of it.
 
     The motor, the effects and the errors of instruments that have a serial number are known as well as the recording
-    tells, but for a drift that is declared; what is new on another day, such as the room or the shaft's angle, is
-    anybody's guess. Raises ArithmeticError when the rotor would not turn in a run in time, or the bench's tachometer
-    gives too few readings of it.
+    tells, but for a drift that is declared. What is new on another day, such as the room or the shaft's angle, is
+    anybody's guess; so is the line, about what a run of the recording says of the bench's. Raises ArithmeticError when
+    the rotor would not turn in a run in time, or the bench's tachometer gives too few readings of it.
     """
     there = seen.of(plan.recording)
     stays = of_any_day(seen.problem)
-    first = carried(seen.problem, rivals[0], there.problem, stays)[0]
+    first = _on_this_bench(seen, rivals[0], there, carried(seen.problem, rivals[0], there.problem, stays)[0])
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
         likely = _mean(there, rivals[0].names)(first)
         there = seen.of(_as_captured(plan.recording, there.problem.blocks.runs[0], likely.runs[0]))
         if not there.problem.blocks.runs:
             raise FloatingPointError("the rotor would not turn")
     common = there.whitener(_mean(there, rivals[0].names)(first), rivals[0].u)
-    return [_expected(there, common, one, *carried(seen.problem, one, there.problem, stays)) for one in rivals]
+    found = []
+    for one in rivals:
+        z, covariance, new = carried(seen.problem, one, there.problem, stays)
+        z = _on_this_bench(seen, rivals[0], there, z)  # no rival's own: a line tells nothing of the motor
+        found.append(_expected(there, common, one, z, covariance, new))
+    return found
+
+
+def _on_this_bench(seen: Comparison, likeliest: Mode, there: Comparison, z: np.ndarray) -> np.ndarray:
+    """A point there [-] whose line fills and empties as in the last run of a recording that does so."""
+    found, z = {}, z.copy()
+    for unknown, value in zip(seen.problem.nuisances, likeliest.z, strict=False):
+        if isinstance(unknown.of, OfRun) and unknown.of.what in OF_THE_BENCH:
+            found[unknown.of.what] = value
+    for i, unknown in enumerate(there.problem.nuisances):
+        if isinstance(unknown.of, OfRun) and unknown.of.what in found:
+            z[i] = found[unknown.of.what]
+    return z
 
 
 def _expected(
@@ -250,7 +275,7 @@ def _expected(
         return found
 
     def at(place: np.ndarray) -> np.ndarray:
-        found = mean(f.clip(z + open_ @ place))
+        found = mean(f.clip(f.advance(z, open_ @ place)))
         return white(there.raw(found)) if there.is_told(found) else np.full(int(looked_at.sum()), np.nan)
 
     here = mean(z)

@@ -43,6 +43,11 @@ ALIKE = 1e-3  # share by which two time constants differ that count as one
 # Of the staircase that stands for the line: its edges, in sums of the time constants after the line begins to move.
 EDGES = np.concatenate([np.linspace(0.0, 1.0, 41), np.geomspace(1.0, 12.0, 121)[1:]])
 OPENING, VENTING = "opening", "venting"
+# What of a run is the bench's, and stays as it is until another run.
+OF_THE_BENCH = (
+    *(f"{way}_{what}" for way in (OPENING, VENTING) for what in ("time", "valve", *map("form_{}".format, range(4)))),
+    *("opening_lead", "opening_droop", "venting_bend", "floor"),
+)
 
 
 def ways_of(run: RunInTime) -> list[str]:
