@@ -175,8 +175,10 @@ def diagnose(
         When a recording cannot be used, stands twice, or is of another motor than the rest.
     EffectsError
         For an effect that there is not.
+    TypeError
+        For what is no recording, and for a number that is none.
     ValueError
-        For fewer workers than one.
+        For fewer workers than one, and for a seed below 0.
     """
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose as look
@@ -185,6 +187,7 @@ def diagnose(
     from spinbench.readings import refuse_twice
 
     at_least("workers", workers, 1)
+    at_least("seed", seed, 0)
     parts, notes = opened_all(data)
     unseen, more = (None, []) if hold_out is None else _one(hold_out)
     refuse_twice(parts, unseen)
