@@ -94,6 +94,16 @@ def test_what_cannot_be_opened_is_told_in_a_sentence(tmp_path, put_recording):
         assert words in str(told.value)
 
 
+def test_a_mistake_in_a_motor_that_is_written_out_is_told_at_once_with_its_place(put_recording):
+    toml = put_recording(("sweep.csv", "steady", CENSORED)) / "recording.toml"
+    own = 'motor = {format = "motor/1", kind = "radial_piston", name = "mine"}'
+    toml.write_text(toml.read_text(encoding="utf-8").replace('motor = "ptm3600"', own), encoding="utf-8")
+    for call in (sb.open, lambda folder: sb.diagnose(sb.read_recording(folder))):
+        with pytest.raises(sb.RecordingError) as told:
+            call(toml.parent)
+        assert all(line.startswith(f"{toml}: ") for line in str(told.value).splitlines())
+
+
 def test_a_damaged_run_is_told_with_its_file_and_line(tmp_path):
     folder = write_sweep(tmp_path)
     samples = folder / "samples.csv"
