@@ -22,21 +22,30 @@ def motor_of(motor: str | Path | Motor, assignments: Iterable[str] = ()) -> Moto
     ------
     ConfigError
         When there is no such motor, or a value is none of its own.
+    TypeError
+        For what is no motor.
     """
-    from model.motor import read_motor, set_values
+    from model.motor import Motor, read_motor, set_values
 
     if isinstance(motor, str | Path):
         text = str(motor)
         is_file = isinstance(motor, Path) or text.endswith(".toml") or "/" in text or "\\" in text
         motor = read_motor(Path(text) if is_file else text)
+    if not isinstance(motor, Motor):
+        raise TypeError(f"motor: expected a name, a file or a Motor; given {motor!r:.60}")
     return set_values(motor, list(assignments))
 
 
 def assignments_of(values: Values | None) -> list[str]:
-    """Changed values of a motor as the command line takes them, ``NAME=VALUE``."""
-    return set_once(
-        [f"{name}={str(one).lower() if isinstance(one, bool) else one}" for name, one in (values or {}).items()]
-    )
+    """Changed values of a motor as the command line takes them, ``NAME=VALUE``; TypeError for what is no mapping."""
+    import numpy as np
+
+    if not isinstance(values, Mapping | None):
+        raise TypeError(f'values: expected a mapping, such as {{"f_overall": 0.0633}}; given {values!r:.60}')
+    words = {
+        name: str(one).lower() if isinstance(one, bool | np.bool_) else one for name, one in (values or {}).items()
+    }
+    return set_once([f"{name}={one}" for name, one in words.items()])
 
 
 def set_once(assignments: list[str]) -> list[str]:
@@ -87,6 +96,8 @@ def simulate(
         For a motor or a value that there is not.
     OperatingPointError
         For a pressure that the model does not reach.
+    TypeError
+        For what is no motor, or no mapping.
     """
     import numpy as np
     import pandas as pd

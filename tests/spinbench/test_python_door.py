@@ -119,7 +119,7 @@ def test_names_of_a_file_cannot_become_markup(put_recording):
 
 
 def test_operating_points_are_rows_in_the_order_asked_for():
-    points = sb.simulate([2.0, 1.6], values={"f_overall": 0.0633, "heat_transfer": True})
+    points = sb.simulate([2.0, 1.6], values={"f_overall": 0.0633, "heat_transfer": np.bool_(True)})
     assert points["pressure_bar_abs"].tolist() == [2.0, 1.6]
     assert points["speed_rpm"].is_monotonic_decreasing
     assert points.attrs["units"]["gas_torque_nm"] == "N m"
@@ -267,6 +267,16 @@ def test_readings_are_left_out_and_it_is_said():
     assert same.sha256 == kept.sha256
 
 
+def test_an_effect_of_each_recording_that_a_fit_does_not_hold_is_told_in_words_of_no_command(tmp_path):
+    days = [sweep(tmp_path / name, seed, {}).folder for seed, name in enumerate(("one", "two"), 21)]
+    with pytest.raises(ValueError, match=r"^windage .* the model does not hold it; add it to the effects$"):
+        sb.fit(days, per_recording="windage")
+
+
+def test_the_runs_of_a_folder_are_listed_by_its_name(run):
+    assert [row.name for row in sb.list_runs(str(run.folder.parent))] == [run.name]
+
+
 def test_one_effect_may_be_given_as_a_text():
     with pytest.raises(ValueError, match="windgage"):
         sb.fit("published_sweep", effects="windgage")
@@ -371,6 +381,11 @@ def test_a_type_checker_takes_the_machine_of_the_tutorial_for_a_system(tmp_path)
         (lambda: sb.diagnose("published_sweep", seed=None), TypeError, "^seed: expected a whole number; given None"),
         (lambda: sb.compare("a", "b", seed=-1), ValueError, "^seed: expected 0 or more; given -1"),
         (lambda: sb.compare("a", "b", seed=None), TypeError, "^seed: expected a whole number; given None"),
+        (lambda: sb.simulate(2.0, values=["f_overall=0.06"]), TypeError, "^values: expected a mapping, such as"),
+        (lambda: sb.fit("published_sweep", values=["f_overall=0.06"]), TypeError, "^values: expected a mapping"),
+        (lambda: sb.simulate(2.0, motor=5), TypeError, "^motor: expected a name, a file or a Motor; given 5"),
+        (lambda: sb.together([]), sb.RecordingError, "no recording is given; name one or more"),
+        (lambda: sb.together(["a", "b"]), TypeError, "a str is no recording; give what `read_recording` gives"),
         (lambda: sb.compare("a", "b", workers=0.5), TypeError, "workers: expected a whole number; given 0.5"),
         (lambda: sb.open("nothere", logs="none"), sb.RecordingError, "say with logs=... where runs are"),
         (lambda: sb.without("published_sweep", "sweep.csv:99"), sb.RecordingError, "^left_out: sweep.csv:99: '99'"),
