@@ -138,6 +138,12 @@ def test_a_run_in_time_is_a_table_by_time():
         ({"pressure_bar_abs": 20.0}, "pressure 20 bar is outside"),
         ({"pressure_bar_abs": []}, "no pressure is given"),
         ({"pressure_bar_abs": [1.6, 2.0], "transient": "spin-up"}, "one pressure"),
+        (
+            {"pressure_bar_abs": 2.0, "duration_s": 0.1},
+            "duration_s is that of a run in time: say transient, or leave it",
+        ),
+        ({"pressure_bar_abs": 2.0, "transient": "spin-up", "duration_s": 0.0}, "duration_s: expected 0.001 to 60 s"),
+        ({"pressure_bar_abs": 2.0, "transient": "spin-up", "duration_s": float("inf")}, "to 60 s; given inf"),
         ({"pressure_bar_abs": 2.0, "transient": "spinup"}, "expected 'spin-up' or 'coast-down'"),
         ({"pressure_bar_abs": 2.0, "values": {"f_overal": 0.06}}, "did you mean 'f_overall'"),
         ({"pressure_bar_abs": 2.0, "motor": "nowhere"}, "nowhere.toml"),
