@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from calibration.diagnosis.document import as_json
+from calibration.diagnosis.document import as_json, held_out_as_json
 from calibration.diagnosis.result import Diagnosis, of_each_recording
+from calibration.diagnosis.steps.confirm import Predicted
 from rig.recording import Recording, RecordingError
 from spinbench.api.frames import as_html, of_next_tests
 from spinbench.api.opened import Data, at_least, listed, opened_all, said_of
@@ -196,7 +197,15 @@ def diagnose(
     with diagnosing() as tell:
         read = given[0] if len(given) == 1 else given
         found = look(read, seed, tell, unseen, workers, [], sharing)
-    return DiagnosisResult(found, tuple(dict.fromkeys([*said_of(given, notes), *more])))
+    return DiagnosisResult(found, tuple(dict.fromkeys([*said_of(given, notes), *more, *not_predicted(unseen, found)])))
+
+
+def not_predicted(unseen: Recording | None, found: Diagnosis) -> list[str]:
+    """That a run was held out for nothing, in a sentence; none where it was predicted, or none was held out."""
+    told = held_out_as_json(found.held_out) or {}
+    if unseen is None or told.get("kind") == Predicted.UNSEEN_RUN:
+        return []
+    return [f"{unseen.folder} was not predicted: there is no set of effects to do it with"]
 
 
 def _one(hold_out: Data | Recording) -> tuple[Recording, list[str]]:

@@ -105,7 +105,7 @@ def diagnose(
     deliver(files.json_bytes(found | {RECORDINGS: there}), [table(found)], json_file)
     print(words.sentence(found), file=sys.stderr)
     _warn(found, diagnosis)
-    _tell_how_it_went(unseen, found, diagnosis.seconds, out, len(given))
+    _tell_how_it_went(unseen, diagnosis, out, len(given))
 
 
 def _words_of(folder: Path) -> tuple[str, str]:
@@ -225,21 +225,16 @@ def _warn(found: Mapping[str, Any], diagnosis: Any) -> None:
         print(blind, file=sys.stderr)
 
 
-def _tell_how_it_went(
-    unseen: Recording | None, found: Mapping[str, Any], seconds: Mapping[str, float], out: Path | None, count: int
-) -> None:
+def _tell_how_it_went(unseen: Recording | None, found: Diagnosis, out: Path | None, count: int) -> None:
     """Say that a run was held out for nothing, how long each step took, and where the reports are.
 
     `count`: of recordings that have a page each.
     """
-    from calibration.diagnosis.steps.confirm import Predicted
     from calibration.report.diagnosis.words import steps_in_words
+    from spinbench.api.diagnosing import not_predicted
 
     if count > 1 and out is not None:
         remark(f"each of the {count} recordings has a page of its own there, report_NAME.html")
-    held_out = found["improvement"]["held_out"] or {}
-    if unseen is not None and held_out.get("kind") != Predicted.UNSEEN_RUN:
-        remark(f"{unseen.folder} was not predicted: there is no set of effects to do it with")
-    remark(steps_in_words(seconds))
+    remark(*not_predicted(unseen, found), steps_in_words(found.seconds))
     if out is not None:
         remark(f"the report is {out / 'report.html'}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 import spinbench as sb
 from calibration.systems.machines.system import systems
 from spinbench.api.arviz_data import arviz_module
+from spinbench.api.frames import of_next_tests
 from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.documented_python import cells_of
 from tests.documents import check
@@ -261,6 +264,19 @@ def test_what_is_held_out_is_one_recording(put_recording):
         sb.diagnose("published_sweep", hold_out=[one, two])
     with pytest.raises(sb.RecordingError, match="is to be held out and diagnosed"):
         sb.diagnose("published_sweep", hold_out=sb.published_sweep())
+
+
+def test_a_run_that_is_held_out_for_nothing_is_told():
+    seen, unseen = (rotor(np.random.default_rng(seed)) for seed in (3, 2))
+    found = sb.diagnose(seen, hold_out=replace(unseen, folder=Path("unseen")))
+    assert found.verdict == "consistent"
+    assert "unseen was not predicted: there is no set of effects to do it with" in found.remarks
+
+
+def test_a_test_without_a_command_says_what_it_needs():
+    told = {"test": "read the flow beside a reference", "needs": "a reference flow meter (1 %)", "command": ""}
+    (row,) = of_next_tests({"next_tests": [told]}).to_dict("records")
+    assert {key: row[key] for key in told} == told
 
 
 def test_readings_are_left_out_and_it_is_said():
