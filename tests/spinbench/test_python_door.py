@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -314,6 +316,26 @@ def test_a_diagnosis_says_what_is_missing_with_its_size():
     check(found.document)
     assert "dry friction" in found._repr_html_()
     assert found.plot()._repr_png_().startswith(PNG)
+
+
+def test_the_document_of_a_diagnosis_is_that_of_the_command_and_can_be_gone_on_with(tmp_path, spinbench_here):
+    swept = Path(shutil.copytree(sb.published_sweep(), tmp_path / "swept"))
+    kept, _ = sb.without([swept, rotor(np.random.default_rng(1))], "swept/sweep.csv:7")
+    told = sb.diagnose(kept).document
+    check(told)
+    saved = tmp_path / "deep" / "told.json"
+    saved.parent.mkdir()
+    saved.write_text(json.dumps(told), encoding="utf-8")
+    again = spinbench_here("diagnose", "--continue", saved, "swept", cwd=tmp_path)
+    assert "a recording is given twice: swept;" in again.stderr
+    done = spinbench_here("diagnose", "swept", "--without", "sweep.csv:7", "--json", "-", cwd=tmp_path)
+    told["recordings"][0]["folder"] = "swept"
+    assert json.loads(json.dumps(told)) == json.loads(done.stdout)
+
+
+def test_a_diagnosis_of_what_lies_in_no_folder_does_not_say_what_it_is_of():
+    found = sb.diagnose(rotor(np.random.default_rng(3)))
+    assert (found.recordings, "recordings" in found.document) == ((), False)
 
 
 def test_a_diagnosis_of_the_motor_draws_its_picture():
