@@ -62,6 +62,8 @@ def together(recordings: Sequence[Recording]) -> Recording:
         origin=_origins(recordings),
         joined=tuple(folders),
         without=tuple(dict.fromkeys(asked for one in recordings for asked in one.without)),
+        left_out=(),
+        read_sha256="",
         warnings=tuple(warnings),
     )
 
