@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from spinbench import readings
 
 if TYPE_CHECKING:
     from calibration.diagnosis.next_test.promised import Promise
+    from calibration.diagnosis.result import Diagnosis
     from calibration.likelihood.expected import Capture
     from rig.recording import Recording
     from spinbench.documents.of_recordings import GoneOnWith
@@ -110,19 +111,51 @@ def read_earlier(out: Path) -> Earlier:
     return Earlier(recordings, sources, document)
 
 
+def document_of(
+    found: Diagnosis,
+    recordings: Sequence[Mapping[str, Any]],
+    per_recording: Iterable[str],
+    promised: Sequence[dict[str, Any]] = (),
+) -> dict[str, Any]:
+    """A diagnosis as diagnosis/1, with what `diagnose --continue` reads of it.
+
+    `recordings`: as `made_of` tells them.
+    `promised`: what tests before it gave.
+    """
+    from calibration.diagnosis.document import as_json
+
+    document = as_json(found)
+    document["promised"] = [*promised, *document["promised"]]
+    further = {RECORDINGS: list(recordings), PER_RECORDING: sorted(per_recording)}
+    return document | {key: told for key, told in further.items() if told}
+
+
 def made_of(
-    earlier: Earlier | None, new: Sequence[Recording], left_out: Sequence[str], place: Path
+    earlier: Earlier | None, new: Sequence[Recording], left_out: Sequence[str], place: Path | None
 ) -> list[dict[str, Any]]:
-    """What a diagnosis was made of, for its document; folders as seen from the one that it is written to, `place`."""
+    """What a diagnosis was made of, for its document.
+
+    `place`: the folder that the document is written to, from which folders are seen; None where that is not known:
+        folders are then told in full.
+    """
     from calibration.data.joined import names_of
 
     sources = list(earlier.sources) if earlier else []
-    sources += [{FOLDER: str(one.folder), SHA256: one.sha256, WITHOUT: [], ORIGIN: dict(one.origin)} for one in new]
+    sources += [
+        {
+            FOLDER: str(one.folder),
+            SHA256: one.read_sha256 or one.sha256,
+            WITHOUT: list(one.left_out),
+            ORIGIN: dict(one.origin),
+        }
+        for one in new
+    ]
     names = names_of([*(earlier.recordings if earlier else []), *new])
     found = []
     for source, name in zip(sources, names, strict=True):
         ahead = f"{name}/" if len(names) > 1 else ""
         also = [asked.removeprefix(ahead) for asked in left_out if asked.startswith(ahead)]
-        folder = os.path.relpath(Path(source[FOLDER]).resolve(), place.resolve())
+        whole = Path(source[FOLDER]).resolve()
+        folder = str(whole) if place is None else os.path.relpath(whole, place.resolve())
         found.append(source | {FOLDER: folder, WITHOUT: [*source[WITHOUT], *also]})
     return found

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from calibration.diagnosis.result import Diagnosis
     from rig.runlog import StartRecord
 
 Step = tuple[str, str]  # what for, and the command
@@ -75,6 +77,26 @@ def bench_named(start: StartRecord, *typed: str) -> str:
         if kept is not None and path.is_file() and sha256_of(path) == kept.sha256:
             return word
     return "BENCH"
+
+
+def bench_of(folder: Path) -> tuple[str, str]:
+    """How commands name the bench that a recording is of, and the run as an option; BENCH where it is not known."""
+    from rig.runlog.folder import START
+    from rig.runlog.reader import read_start
+
+    start = read_start(folder) if (folder / START).is_file() else None
+    if start is None or start.imported or start.kind == "import":
+        return "BENCH", ""
+    return shlex.quote(bench_named(start)), shlex.join(["--after", folder.resolve().name, *kept_in(folder)])
+
+
+def tests_of_bench(diagnosis: Diagnosis, bench: str, after: str) -> Diagnosis:
+    """A diagnosis whose tests are commands of the bench and the run that it is of, as `bench_of` tells them."""
+    tests = [
+        replace(one, capture=one.capture and replace(one.capture, bench=bench, after=after))
+        for one in diagnosis.next_tests
+    ]
+    return replace(diagnosis, next_tests=tests)
 
 
 def kept_in(run: Path) -> list[str]:

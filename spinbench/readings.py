@@ -94,7 +94,7 @@ def read(path: Path, quiet: bool = False, among_many: bool = False) -> Recording
 
     if not any((path / name).exists() for name in (START, END)):
         recording = read_recording(path)
-        _check_written_out(recording)
+        check_written_out(recording)
         return recording
     from rig.exchange.export import recording_of
     from rig.runlog import read_run
@@ -126,8 +126,11 @@ def refuse_changed(path: Path) -> None:
         )
 
 
-def _check_written_out(recording: Recording) -> None:
-    """Refuse a radial piston motor that is written out in a recording with mistakes; each with its place."""
+def check_written_out(recording: Recording) -> None:
+    """Refuse a radial piston motor that is written out in a recording with mistakes.
+
+    Raises RecordingError: each mistake in a line, with its place.
+    """
     from configs import ConfigError
     from model.motor import read_motor
     from rig.recording import RecordingError

@@ -19,8 +19,13 @@ def together(recordings: Sequence[Recording]) -> Recording:
     """One recording with the files of all; the instruments' offsets and scales are then shared by all of them.
 
     Raises RecordingError when they differ in motor, ambient, inertia or in an instrument's figures: what they share
-    could not be said.
+    could not be said; and where there is none. Raises TypeError for what is no Recording.
     """
+    for one in recordings:
+        if not isinstance(one, Recording):
+            raise TypeError(f"a {type(one).__name__} is no recording; give what `read_recording` gives")
+    if not recordings:
+        raise RecordingError("no recording is given; name one or more")
     first = recordings[0]
     if len(recordings) == 1:
         return first
@@ -57,6 +62,8 @@ def together(recordings: Sequence[Recording]) -> Recording:
         origin=_origins(recordings),
         joined=tuple(folders),
         without=tuple(dict.fromkeys(asked for one in recordings for asked in one.without)),
+        left_out=(),
+        read_sha256="",
         warnings=tuple(warnings),
     )
 

@@ -39,7 +39,9 @@ def without(recordings: Sequence[Recording], left_out: Sequence[str]) -> list[Re
         digest = hashlib.sha256(f"{kept.sha256} without {asked}".encode()).hexdigest() if kept.sha256 else ""
         said = f"{asked}: left out, as asked"
         channels = {name: one for name, one in kept.channels.items() if any(name in file.columns for file in files)}
+        own = asked.removeprefix(f"{names_of(found)[k]}/") if len(found) > 1 else asked
         told = replace(kept, without=(*kept.without, asked), warnings=(*kept.warnings, said))
+        told = replace(told, left_out=(*kept.left_out, own), read_sha256=kept.read_sha256 or kept.sha256)
         found[k] = replace(told, channels=channels, files=files, sha256=digest)
     return found
 

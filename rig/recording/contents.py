@@ -154,7 +154,9 @@ class Recording:
     `sha256`: over recording.toml and the data files, in their order; of several as one that of each; empty where
         nothing was read.
     `joined`: the folders, where it is several recordings as one.
-    `without`: what was left out of it, as it was asked for.
+    `without`: what was left out of it, as it was asked for; `left_out`: the same by the names of its own files.
+    `read_sha256`: what `sha256` was before something was left out; empty where nothing was. Of several as one, both of
+        these are empty.
     `supply`: what is stated of the line between regulator and motor.
     `origin`: who took it, when and on what: date, operator, motor_serial, oil, note, parent, as far as stated.
     """
@@ -171,6 +173,8 @@ class Recording:
     origin: Mapping[str, str] = field(default_factory=dict)
     joined: tuple[Path, ...] = ()
     without: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    read_sha256: str = ""
 
     @property
     def folders(self) -> tuple[Path, ...]:

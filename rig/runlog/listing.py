@@ -37,9 +37,9 @@ class RunRow:
     simulated: bool = False
 
 
-def list_runs(root: Path) -> list[RunRow]:
+def list_runs(root: str | Path) -> list[RunRow]:
     """The runs of a folder, oldest first; other folders in it are passed over. Raises RunError where it is a file."""
-    return [_row(folder) for folder in sorted(_folders(root), key=age_of)]
+    return [_row(folder) for folder in sorted(_folders(Path(root)), key=age_of)]
 
 
 def _folders(root: Path) -> list[Path]:

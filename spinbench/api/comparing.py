@@ -137,13 +137,14 @@ def compare(before: Data | Recording, after: Data | Recording, seed: int = 1, *,
     RecordingError
         When a recording cannot be used, stands twice, or is of another motor than the other.
     TypeError
-        For what is no recording.
+        For what is no recording, and for a number that is none.
     ValueError
-        For fewer workers than one.
+        For fewer workers than one, and for a seed below 0.
     """
     from spinbench.progress import diagnosing
 
     at_least("workers", workers, 1)
+    at_least("seed", seed, 0)
     parts, notes = both(before, after)
     with diagnosing("comparison") as tell:
         return compared(parts, notes, seed, tell, workers)

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from calibration.diagnosis.document import as_json
+from calibration.diagnosis.document import held_out_as_json
 from calibration.diagnosis.result import Diagnosis, of_each_recording
+from calibration.diagnosis.steps.confirm import Predicted
 from rig.recording import Recording, RecordingError
 from spinbench.api.frames import as_html, of_next_tests
 from spinbench.api.opened import Data, at_least, listed, opened_all, said_of
+from spinbench.earlier import document_of, made_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,15 +30,22 @@ class DiagnosisResult:
         Everything, step by step.
     notes : tuple of str
         What was left out or assumed of the recordings, a sentence each.
+    recordings : tuple of dict
+        What was diagnosed, as diagnosis/1 tells it: ``folder``, ``sha256``, ``without``, ``origin``. Empty where
+        something was read from no folder, or is several as one.
+    per_recording : tuple of str
+        Ids of the effects whose sizes are each recording's own.
     """
 
     found: Diagnosis
     notes: tuple[str, ...] = ()
+    recordings: tuple[dict[str, Any], ...] = ()
+    per_recording: tuple[str, ...] = ()
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """As diagnosis/1: what `spinbench diagnose --json` writes."""
-        return as_json(self.found)
+        """As diagnosis/1: what `spinbench diagnose --json` writes, but with folders in full; for `--continue`."""
+        return document_of(self.found, self.recordings, self.per_recording)
 
     @property
     def verdict(self) -> str:
@@ -175,25 +184,40 @@ def diagnose(
         When a recording cannot be used, stands twice, or is of another motor than the rest.
     EffectsError
         For an effect that there is not.
+    TypeError
+        For what is no recording, and for a number that is none.
     ValueError
-        For fewer workers than one.
+        For fewer workers than one, and for a seed below 0.
     """
     from calibration.data.joined import as_given
     from calibration.diagnosis.diagnose import diagnose as look
     from calibration.systems.several.sharing import own_of_each
+    from spinbench.next_steps import bench_of, tests_of_bench
     from spinbench.progress import diagnosing
     from spinbench.readings import refuse_twice
 
     at_least("workers", workers, 1)
+    at_least("seed", seed, 0)
     parts, notes = opened_all(data)
     unseen, more = (None, []) if hold_out is None else _one(hold_out)
     refuse_twice(parts, unseen)
     sharing = own_of_each(listed("per_recording", per_recording), len(parts))
     given = as_given(parts, apart=bool(sharing.own))
+    of_bench = bench_of(parts[-1].folder)
+    can_be_read = all(one.sha256 and not one.joined for one in parts)
+    recordings = made_of(None, parts, [], None) if can_be_read else []
     with diagnosing() as tell:
         read = given[0] if len(given) == 1 else given
-        found = look(read, seed, tell, unseen, workers, [], sharing)
-    return DiagnosisResult(found, tuple(dict.fromkeys([*said_of(given, notes), *more])))
+        found = tests_of_bench(look(read, seed, tell, unseen, workers, [], sharing), *of_bench)
+    notes = list(dict.fromkeys([*said_of(given, notes), *more, *not_predicted(unseen, found)]))
+    return DiagnosisResult(found, tuple(notes), tuple(recordings), tuple(sorted(sharing.own)))
+
+
+def not_predicted(unseen: Recording | None, found: Diagnosis) -> list[str]:
+    """That a run was held out for nothing, in a sentence; none where it was predicted, or none was held out."""
+    if unseen is None or (held_out_as_json(found.held_out) or {}).get("kind") == Predicted.UNSEEN_RUN:
+        return []
+    return [f"{unseen.folder} was not predicted: there is no set of effects to do it with"]
 
 
 def _one(hold_out: Data | Recording) -> tuple[Recording, list[str]]:

@@ -118,8 +118,8 @@ def of_events(run: Run | None) -> pd.DataFrame:
 
 
 def of_next_tests(document: Mapping[str, Any]) -> pd.DataFrame:
-    """The tests that a diagnosis or a comparison asks for."""
-    columns = ["test", "separates", "information_nats", "range_nats", "repeats", "command"]
+    """The tests that a diagnosis or a comparison asks for; ``needs`` is an instrument that the bench has not."""
+    columns = ["test", "separates", "information_nats", "range_nats", "repeats", "needs", "command"]
     return pd.DataFrame(document["next_tests"], columns=columns)
 
 

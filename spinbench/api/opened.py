@@ -138,7 +138,7 @@ def open(path: str | Path, logs: str | Path = "logs") -> Opened:
             "that holds one of the two"
         )
     found = Opened(folder, None)
-    _ = found.recording  # its mistakes are told now
+    readings.check_written_out(found.recording)  # its mistakes are told now
     return found
 
 
@@ -167,6 +167,7 @@ def opened_all(data: Data | Recording | Sequence[Data | Recording]) -> tuple[lis
         if not isinstance(given, Opened | Recording):
             raise TypeError(f"a {type(given).__name__} is no recording; give a path, what `open` gives, or a Recording")
         found.append(given.recording if isinstance(given, Opened) else given)
+        readings.check_written_out(found[-1])
         notes += given.notes if isinstance(given, Opened) else given.warnings
     readings.refuse_twice(found)
     return found, list(dict.fromkeys(notes))

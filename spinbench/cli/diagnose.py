@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +14,8 @@ from spinbench import readings
 from spinbench.cli import options
 from spinbench.cli.errors import kept_when_interrupted
 from spinbench.cli.show import check_places, deliver, folder_of, own_stem, remark, write_report
-from spinbench.earlier import PER_RECORDING, RECORDINGS, Earlier, made_of, read_earlier
-from spinbench.next_steps import bench_named, kept_in
+from spinbench.earlier import RECORDINGS, Earlier, document_of, made_of, read_earlier
+from spinbench.next_steps import bench_of, tests_of_bench
 from spinbench.progress import diagnosing
 
 if TYPE_CHECKING:
@@ -68,7 +66,6 @@ def diagnose(
     from calibration.data.joined import as_given
     from calibration.data.left_out import without
     from calibration.diagnosis.diagnose import diagnose as look
-    from calibration.diagnosis.document import as_json
     from calibration.report.diagnosis.page import JSON
     from calibration.systems.several.sharing import own_of_each
     from rig.recording import files
@@ -79,7 +76,7 @@ def diagnose(
     among_many = earlier is not None or hold_out is not None
     named = [readings.folder_named(one, logs) for one in recording]  # once: another run may begin meanwhile
     new = readings.all_named(named, logs, parents, among_many, before)
-    own_words = _words_of(named[-1])
+    of_bench = bench_of(named[-1])
     unseen = None if hold_out is None else readings.read(readings.folder_named(hold_out, logs), among_many=True)
     readings.refuse_twice([*before, *new], unseen)
     parts = without([*(earlier.parts if earlier else []), *new], left_out or [])
@@ -92,11 +89,9 @@ def diagnose(
     with diagnosing() as tell:
         processes = workers or min(2, os.cpu_count() or 1)
         diagnosis = look(read, seed, tell, unseen, processes, [promise] if promise else [], sharing)
-        diagnosis = _in_own_words(diagnosis, *own_words)
-        found = as_json(diagnosis)
-        found["promised"] = [*(earlier.promised if earlier else []), *found["promised"]]
-        found[RECORDINGS] = made_of(earlier, new, left_out or [], out or Path())
-        found |= {PER_RECORDING: sorted(sharing.own)} if sharing.own else {}
+        diagnosis = tests_of_bench(diagnosis, *of_bench)
+        recordings = made_of(earlier, new, left_out or [], out or Path())
+        found = document_of(diagnosis, recordings, sharing.own, earlier.promised if earlier else [])
         page, table, words = _told_by(found)
         if out is not None:
             tell("report")
@@ -105,27 +100,7 @@ def diagnose(
     deliver(files.json_bytes(found | {RECORDINGS: there}), [table(found)], json_file)
     print(words.sentence(found), file=sys.stderr)
     _warn(found, diagnosis)
-    _tell_how_it_went(unseen, found, diagnosis.seconds, out, len(given))
-
-
-def _words_of(folder: Path) -> tuple[str, str]:
-    """How commands name the bench that a recording is of, and the run as an option; BENCH where it is not known."""
-    from rig.runlog.folder import START
-    from rig.runlog.reader import read_start
-
-    start = read_start(folder) if (folder / START).is_file() else None
-    if start is None or start.imported or start.kind == "import":
-        return "BENCH", ""
-    return shlex.quote(bench_named(start)), shlex.join(["--after", folder.resolve().name, *kept_in(folder)])
-
-
-def _in_own_words(diagnosis: Diagnosis, bench: str, after: str) -> Diagnosis:
-    """A diagnosis whose tests are commands of the bench and the run that it is of."""
-    tests = [
-        replace(one, capture=one.capture and replace(one.capture, bench=bench, after=after))
-        for one in diagnosis.next_tests
-    ]
-    return replace(diagnosis, next_tests=tests)
+    _tell_how_it_went(unseen, diagnosis, out, len(given))
 
 
 def _promised(earlier: Earlier | None, new: Sequence[Recording], resume: Path | None) -> Promise | None:
@@ -225,21 +200,16 @@ def _warn(found: Mapping[str, Any], diagnosis: Any) -> None:
         print(blind, file=sys.stderr)
 
 
-def _tell_how_it_went(
-    unseen: Recording | None, found: Mapping[str, Any], seconds: Mapping[str, float], out: Path | None, count: int
-) -> None:
+def _tell_how_it_went(unseen: Recording | None, found: Diagnosis, out: Path | None, count: int) -> None:
     """Say that a run was held out for nothing, how long each step took, and where the reports are.
 
     `count`: of recordings that have a page each.
     """
-    from calibration.diagnosis.steps.confirm import Predicted
     from calibration.report.diagnosis.words import steps_in_words
+    from spinbench.api.diagnosing import not_predicted
 
     if count > 1 and out is not None:
         remark(f"each of the {count} recordings has a page of its own there, report_NAME.html")
-    held_out = found["improvement"]["held_out"] or {}
-    if unseen is not None and held_out.get("kind") != Predicted.UNSEEN_RUN:
-        remark(f"{unseen.folder} was not predicted: there is no set of effects to do it with")
-    remark(steps_in_words(seconds))
+    remark(*not_predicted(unseen, found), steps_in_words(found.seconds))
     if out is not None:
         remark(f"the report is {out / 'report.html'}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spinbench.api.simulating import motor_of
+from spinbench.api.simulating import DURATION_S, LONGEST_S, SHORTEST_S, motor_of
 from spinbench.cli.options import JsonOption, MotorOption, SetOption, out_folder
 from spinbench.cli.show import check_places, deliver, remark
 from spinbench.progress import waiting
@@ -17,7 +17,7 @@ from spinbench.progress import waiting
 if TYPE_CHECKING:
     from model.motor import Motor
 
-POINTS, DURATION_S = 9, 0.6
+POINTS = 9
 SOLVING = "solving; after an installation the solvers are compiled first, which takes half a minute"
 
 
@@ -37,7 +37,9 @@ def simulate(
     transient: Annotated[TransientKind | None, typer.Option(help="A run in time instead of the steady state.")] = None,
     duration_s: Annotated[
         float | None,
-        typer.Option(min=0.001, max=60.0, help=f"Length of the run in time, in seconds; {DURATION_S} if left out."),
+        typer.Option(
+            min=SHORTEST_S, max=LONGEST_S, help=f"Length of the run in time, in seconds; {DURATION_S} if left out."
+        ),
     ] = None,
     assignments: SetOption = None,
     motor: MotorOption = "ptm3600",

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+import spinbench as sb
 from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.likelihood.expected import Capture
 from rig.bench.bench import FOLDER
@@ -61,6 +62,8 @@ def test_a_run_that_begins_meanwhile_is_not_the_one_that_was_diagnosed(named, tm
     diagnose.diagnose(recording=[Path(named)], out=tmp_path / "out")
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert found["commands"] == [f"spinbench capture virtual --kind zero --after {first.name}"]
+    without_work(lambda *_: None)
+    assert sb.diagnose(first).document["commands"] == found["commands"]
 
 
 @pytest.mark.parametrize("words", [("--json", "b/diagnosis.json"), ("-o", "a/deep", "--json", "b/diagnosis.json")])
@@ -94,3 +97,5 @@ def test_what_is_of_each_recording_stays_so_where_a_diagnosis_is_gone_on_with(tm
     assert "given twice: C;" in done.stderr
     assert asked == [(2, {"leakage"}), (3, {"leakage"})]
     assert json.loads((tmp_path / "out" / "e" / "diagnosis.json").read_text())["per_recording"] == ["leakage"]
+    found = sb.diagnose([tmp_path / "A", tmp_path / "B"], per_recording="leakage")
+    assert found.document["per_recording"] == ["leakage"]

@@ -9,7 +9,7 @@ from calibration.diagnosis.next_test.recommend import NextTest
 from calibration.likelihood.expected import Capture
 from rig.bench.bench import FOLDER
 from rig.runlog import RunWriter
-from spinbench.cli import diagnose
+from spinbench import next_steps
 from tests.synthetic_runs import made_with, start_of
 
 TEST = NextTest("a coast-down", (("windage",),), 3.0, capture=Capture("coast-down", 1.7, 0.015))
@@ -22,7 +22,7 @@ class Told:
 
 
 def commands_of(folder):
-    told = diagnose._in_own_words(Told(), *diagnose._words_of(folder))
+    told = next_steps.tests_of_bench(Told(), *next_steps.bench_of(folder))
     return [one.capture and one.capture.command for one in told.next_tests]
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -13,6 +17,7 @@ import pytest
 import spinbench as sb
 from calibration.systems.machines.system import systems
 from spinbench.api.arviz_data import arviz_module
+from spinbench.api.frames import of_next_tests
 from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.documented_python import cells_of
 from tests.documents import check
@@ -94,6 +99,16 @@ def test_what_cannot_be_opened_is_told_in_a_sentence(tmp_path, put_recording):
         assert words in str(told.value)
 
 
+def test_a_mistake_in_a_motor_that_is_written_out_is_told_at_once_with_its_place(put_recording):
+    toml = put_recording(("sweep.csv", "steady", CENSORED)) / "recording.toml"
+    own = 'motor = {format = "motor/1", kind = "radial_piston", name = "mine"}'
+    toml.write_text(toml.read_text(encoding="utf-8").replace('motor = "ptm3600"', own), encoding="utf-8")
+    for call in (sb.open, lambda folder: sb.diagnose(sb.read_recording(folder))):
+        with pytest.raises(sb.RecordingError) as told:
+            call(toml.parent)
+        assert all(line.startswith(f"{toml}: ") for line in str(told.value).splitlines())
+
+
 def test_a_damaged_run_is_told_with_its_file_and_line(tmp_path):
     folder = write_sweep(tmp_path)
     samples = folder / "samples.csv"
@@ -109,7 +124,7 @@ def test_names_of_a_file_cannot_become_markup(put_recording):
 
 
 def test_operating_points_are_rows_in_the_order_asked_for():
-    points = sb.simulate([2.0, 1.6], values={"f_overall": 0.0633, "heat_transfer": True})
+    points = sb.simulate([2.0, 1.6], values={"f_overall": 0.0633, "heat_transfer": np.bool_(True)})
     assert points["pressure_bar_abs"].tolist() == [2.0, 1.6]
     assert points["speed_rpm"].is_monotonic_decreasing
     assert points.attrs["units"]["gas_torque_nm"] == "N m"
@@ -128,6 +143,12 @@ def test_a_run_in_time_is_a_table_by_time():
         ({"pressure_bar_abs": 20.0}, "pressure 20 bar is outside"),
         ({"pressure_bar_abs": []}, "no pressure is given"),
         ({"pressure_bar_abs": [1.6, 2.0], "transient": "spin-up"}, "one pressure"),
+        (
+            {"pressure_bar_abs": 2.0, "duration_s": 0.1},
+            "duration_s is that of a run in time: say transient, or leave it",
+        ),
+        ({"pressure_bar_abs": 2.0, "transient": "spin-up", "duration_s": 0.0}, "duration_s: expected 0.001 to 60 s"),
+        ({"pressure_bar_abs": 2.0, "transient": "spin-up", "duration_s": float("inf")}, "to 60 s; given inf"),
         ({"pressure_bar_abs": 2.0, "transient": "spinup"}, "expected 'spin-up' or 'coast-down'"),
         ({"pressure_bar_abs": 2.0, "values": {"f_overal": 0.06}}, "did you mean 'f_overall'"),
         ({"pressure_bar_abs": 2.0, "motor": "nowhere"}, "nowhere.toml"),
@@ -247,6 +268,19 @@ def test_what_is_held_out_is_one_recording(put_recording):
         sb.diagnose("published_sweep", hold_out=sb.published_sweep())
 
 
+def test_a_run_that_is_held_out_for_nothing_is_told():
+    seen, unseen = (rotor(np.random.default_rng(seed)) for seed in (3, 2))
+    found = sb.diagnose(seen, hold_out=replace(unseen, folder=Path("unseen")))
+    assert found.verdict == "consistent"
+    assert "unseen was not predicted: there is no set of effects to do it with" in found.remarks
+
+
+def test_a_test_without_a_command_says_what_it_needs():
+    told = {"test": "read the flow beside a reference", "needs": "a reference flow meter (1 %)", "command": ""}
+    (row,) = of_next_tests({"next_tests": [told]}).to_dict("records")
+    assert {key: row[key] for key in told} == told
+
+
 def test_readings_are_left_out_and_it_is_said():
     kept = sb.without("published_sweep", "sweep.csv:7")
     assert np.isnan(kept.files[0].columns["flow_l_min"].values[6])
@@ -255,6 +289,16 @@ def test_readings_are_left_out_and_it_is_said():
     assert any("sweep.csv:7: left out" in words for words in found.remarks)
     (same,) = sb.without(["published_sweep"], ["sweep.csv:7"])
     assert same.sha256 == kept.sha256
+
+
+def test_an_effect_of_each_recording_that_a_fit_does_not_hold_is_told_in_words_of_no_command(tmp_path):
+    days = [sweep(tmp_path / name, seed, {}).folder for seed, name in enumerate(("one", "two"), 21)]
+    with pytest.raises(ValueError, match=r"^windage .* the model does not hold it; add it to the effects$"):
+        sb.fit(days, per_recording="windage")
+
+
+def test_the_runs_of_a_folder_are_listed_by_its_name(run):
+    assert [row.name for row in sb.list_runs(str(run.folder.parent))] == [run.name]
 
 
 def test_one_effect_may_be_given_as_a_text():
@@ -272,6 +316,26 @@ def test_a_diagnosis_says_what_is_missing_with_its_size():
     check(found.document)
     assert "dry friction" in found._repr_html_()
     assert found.plot()._repr_png_().startswith(PNG)
+
+
+def test_the_document_of_a_diagnosis_is_that_of_the_command_and_can_be_gone_on_with(tmp_path, spinbench_here):
+    swept = Path(shutil.copytree(sb.published_sweep(), tmp_path / "swept"))
+    kept, _ = sb.without([swept, rotor(np.random.default_rng(1))], "swept/sweep.csv:7")
+    told = sb.diagnose(kept).document
+    check(told)
+    saved = tmp_path / "deep" / "told.json"
+    saved.parent.mkdir()
+    saved.write_text(json.dumps(told), encoding="utf-8")
+    again = spinbench_here("diagnose", "--continue", saved, "swept", cwd=tmp_path)
+    assert "a recording is given twice: swept;" in again.stderr
+    done = spinbench_here("diagnose", "swept", "--without", "sweep.csv:7", "--json", "-", cwd=tmp_path)
+    told["recordings"][0]["folder"] = "swept"
+    assert json.loads(json.dumps(told)) == json.loads(done.stdout)
+
+
+def test_a_diagnosis_of_what_lies_in_no_folder_does_not_say_what_it_is_of():
+    found = sb.diagnose(rotor(np.random.default_rng(3)))
+    assert (found.recordings, "recordings" in found.document) == ((), False)
 
 
 def test_a_diagnosis_of_the_motor_draws_its_picture():
@@ -357,6 +421,15 @@ def test_a_type_checker_takes_the_machine_of_the_tutorial_for_a_system(tmp_path)
         (lambda: sb.Settings(seed="a"), TypeError, "seed: expected a whole number; given 'a'"),
         (lambda: sb.fit("published_sweep", sb.Settings(effective_samples=5)), ValueError, "effective_samples.* 200 or"),
         (lambda: sb.diagnose("published_sweep", workers=0), ValueError, "workers: expected 1 or more; given 0"),
+        (lambda: sb.diagnose("published_sweep", seed=-1), ValueError, "^seed: expected 0 or more; given -1"),
+        (lambda: sb.diagnose("published_sweep", seed=None), TypeError, "^seed: expected a whole number; given None"),
+        (lambda: sb.compare("a", "b", seed=-1), ValueError, "^seed: expected 0 or more; given -1"),
+        (lambda: sb.compare("a", "b", seed=None), TypeError, "^seed: expected a whole number; given None"),
+        (lambda: sb.simulate(2.0, values=["f_overall=0.06"]), TypeError, "^values: expected a mapping, such as"),
+        (lambda: sb.fit("published_sweep", values=["f_overall=0.06"]), TypeError, "^values: expected a mapping"),
+        (lambda: sb.simulate(2.0, motor=5), TypeError, "^motor: expected a name, a file or a Motor; given 5"),
+        (lambda: sb.together([]), sb.RecordingError, "no recording is given; name one or more"),
+        (lambda: sb.together(["a", "b"]), TypeError, "a str is no recording; give what `read_recording` gives"),
         (lambda: sb.compare("a", "b", workers=0.5), TypeError, "workers: expected a whole number; given 0.5"),
         (lambda: sb.open("nothere", logs="none"), sb.RecordingError, "say with logs=... where runs are"),
         (lambda: sb.without("published_sweep", "sweep.csv:99"), sb.RecordingError, "^left_out: sweep.csv:99: '99'"),

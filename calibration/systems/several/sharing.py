@@ -73,7 +73,7 @@ def own_of_each(names: Sequence[str], recordings: int, held: Sequence[str] | Non
         raise EffectsError(f"{names[0]} cannot be of each recording: there is one only; name two or more")
     for name in names:
         if held is not None and name not in held:
-            raise EffectsError(f"--per-recording {name}: the model does not hold it; add it to --effects")
+            raise EffectsError(f"{name} cannot be of each recording: the model does not hold it; add it to the effects")
     return Sharing(frozenset(names))
 
 

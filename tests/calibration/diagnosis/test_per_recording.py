@@ -103,7 +103,7 @@ def test_a_recording_with_a_flywheel_in_one_run_is_one_day(tmp_path: Path) -> No
         (("diagnose", "first", "--per-recording", "leakage"), "there is one only"),
         (("diagnose", "first", "second", "--per-recording", "inertia"), "inertia could not show in these recordings"),
         (("fit", "first", "second", "--per-recording", "leackage", "--effects", "leakage"), "the nearest is leakage"),
-        (("fit", "first", "second", "--per-recording", "leakage", "--effects", "windage"), "add it to --effects"),
+        (("fit", "first", "second", "--per-recording", "leakage", "--effects", "windage"), "add it to the effects"),
         (("fit", "first", "--per-recording", "leakage", "--effects", "leakage"), "there is one only"),
     ],
 )
