@@ -40,6 +40,7 @@ CLOCK_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 NUMBER = re.compile(r"\d{1,7}(?:\.\d{1,6})?")
 DECIMAL = re.compile(r"[<>]?[+-]?\d+[.,]\d+")
 DAY_S = 86_400.0
+APART_NS = 1_000_000  # between rows of the same minute: what is read at a zero's time is the zero's alone
 T = TypeVar("T")
 
 
@@ -132,15 +133,16 @@ def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Amb
     """
     keys = _Keys(bench, sink, ambient)
     plateaus: list[Plateau] = []
+    time_ns = -APART_NS
     for row in rows:
-        time_ns = round(row.time_s * NS)
+        time_ns = max(round(row.time_s * NS), time_ns + APART_NS)
         if row.doubt:
             sink.event("doubted", time_ns, text=row.doubt)
         found = keys.enter(row.entry, time_ns)
         if row.level_bar_abs is None:
             channels = {reading.name: {"mean": reading.value, "se": None, "n": 1} for reading in found.values()}
             which = "end" if plateaus else "start"
-            times = {"start_s": row.time_s, "end_s": row.time_s}
+            times = {"start_s": time_ns / NS, "end_s": time_ns / NS}
             sink.event(ZERO, time_ns, which=which, vented=True, channels=channels, **times)
             continue
         means = {role: entry.mean_of_entries([reading]) for role, reading in found.items()}

@@ -252,3 +252,15 @@ def test_a_pressure_within_the_gauge_s_bias_of_the_room_is_entered_where_it_was_
     low = "14:17,1.05,down,0.99,<10,12.0,,"
     assert "--as-read" in enter(*PLATEAUS, low).stderr
     assert enter(*PLATEAUS, low, options=["--as-read"]).returncode == 0
+
+
+def test_a_zero_is_its_row_alone_where_plateaus_are_written_in_the_same_minute(enter, tmp_path):
+    zero = PLATEAUS[0][:6] + "zero,,1.01,<10,0,,"
+    last = PLATEAUS[2][:6] + "zero,,1.02,<10,0,,"
+    told = enter(zero, *PLATEAUS, last)
+    assert told.returncode == 0, told.stderr
+    files = {file.kind: file for file in recording_of(read_run(tmp_path / told.stdout.strip())).recording.files}
+    zeros = files["zero"].columns
+    assert zeros["pressure_bar_abs"].values.tolist() == [1.01, 1.02]
+    assert zeros["speed_rpm"].values.tolist() == [0.0, 0.0]
+    assert files["steady"].columns["time_s"].values == pytest.approx([0.0, 240.0, 480.0], abs=0.01)
