@@ -10,17 +10,25 @@ from collections.abc import Mapping
 from configs.units import STANDARD_BAR
 from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile
-from rig.by_hand.by_hand import faces_of, on_the_dial
+from rig.by_hand.by_hand import faces_of, manual_device, on_the_dial
 from rig.instruments.manual import is_other_unit, quantity, unit_on_face
-from rig.plateaus.plan import DOWN, UP, Step, plan
+from rig.plateaus.plan import DOWN, UP, Step, SweepError, plan
 
 AT_ZERO = "zero"  # in the column of the level: instruments read with the line vented
 
 
 def sheet_columns(bench: Bench) -> dict[str, str]:
-    """The columns of a sheet, in order, and how each is headed: with its unit, where that is not the name's."""
+    """The columns of a sheet, in order, and how each is headed: with its unit, where that is not the name's.
+
+    Raises SweepError when no person reads the bench's pressure.
+    """
     faces = faces_of(bench)
-    pressure = bench.file.roles.pressure.partition(".")[2]
+    device, _, pressure = bench.file.roles.pressure.partition(".")
+    if device != manual_device(bench):
+        raise SweepError(
+            f"{bench.name}: roles.pressure is '{bench.file.roles.pressure}', which nobody reads; a sheet needs a gauge "
+            "that a person reads. Take the sweep at the prompt (spinbench sweep)"
+        )
     names = ["time", "level_bar_abs", "direction", *faces, f"{pressure}_after", "note"]
     units = {name: f" [{unit_on_face(name, face)}]" for name, face in faces.items() if is_other_unit(name, face)}
     return {name: name + units.get(name.removesuffix("_after"), "") for name in names}

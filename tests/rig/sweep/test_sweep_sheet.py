@@ -4,6 +4,7 @@ import html.parser
 
 import pytest
 
+from configs import FOLDER
 from rig.bench.bench import read_bench
 from rig.by_hand.sheet import print_page, print_sheet, sheet_columns
 from rig.by_hand.sheet_entry import SheetError, enter_sheet, read_sheet
@@ -264,3 +265,42 @@ def test_a_zero_is_its_row_alone_where_plateaus_are_written_in_the_same_minute(e
     assert zeros["pressure_bar_abs"].values.tolist() == [1.01, 1.02]
     assert zeros["speed_rpm"].values.tolist() == [0.0, 0.0]
     assert files["steady"].columns["time_s"].values == pytest.approx([0.0, 240.0, 480.0], abs=0.01)
+
+
+def beside(folder, typed, read):
+    """The manual bench in a folder of its own, one of whose quantities an instrument on a cable reads."""
+    instrument, channel = read
+    text = (FOLDER / "instruments" / "manual_bench.toml").read_text()
+    head, *channels = text.split("[channels.")
+    columns = [name for name in ("pressure_bar_abs", "flow_l_min", "speed_rpm") if name != typed]
+    head = head.replace('"pressure_bar_abs", "flow_l_min", "speed_rpm"', ", ".join(f'"{name}"' for name in columns))
+    kept = [f"[channels.{table}" for table in channels if not table.startswith(typed)]
+    (folder / "two_dials.toml").write_text(head + "".join(kept))
+    text = (FOLDER / "benches" / "manual.toml").read_text().replace('"manual_bench"', '"two_dials.toml"')
+    text = text.replace(f"person.{typed}", f"cable.{channel}").replace(
+        "[roles]",
+        f'[lines.bus]\nkind = "serial"\nport = "/dev/ttyUSB0"\n[devices.cable]\ninstrument = "{instrument}"\n'
+        f'line = "bus"\nunit_id = 1\n[roles]',
+    )
+    (folder / "bench.toml").write_text(text)
+
+
+@pytest.mark.parametrize("options", [["-o", "out.csv"], ["-o", "out.html"], ["--enter", "sheet.csv"]])
+def test_there_is_no_sheet_of_a_bench_whose_gauge_nobody_reads(spinbench_here, tmp_path, options):
+    beside(tmp_path, "pressure_bar_abs", ("keller_30x_abs", "pressure_bar_abs"))
+    (tmp_path / "sheet.csv").write_text(
+        "time,level_bar_abs,direction,flow_l_min,speed_rpm,pressure_bar_abs_after,note\n"
+    )
+    told = spinbench_here("sheet", "bench.toml", *options, *ROOM, cwd=tmp_path)
+    assert told.returncode == 2
+    assert "roles.pressure is 'cable.pressure_bar_abs', which nobody reads" in told.stderr
+    assert not list(tmp_path.glob("out.*"))
+
+
+def test_a_sheet_of_a_bench_whose_tachometer_reads_itself_has_no_speed(spinbench_here, tmp_path):
+    beside(tmp_path, "speed_rpm", ("monarch_act3x", "speed_rpm"))
+    (tmp_path / "sheet.csv").write_text(f"{HEADER.replace('speed_rpm,', '')}14:05,1.6,up,1.60,44,1.62,\n")
+    told = spinbench_here("sheet", "bench.toml", "--enter", "sheet.csv", *ROOM, cwd=tmp_path)
+    assert told.returncode == 0, told.stderr
+    (plateau,) = read_run(tmp_path / told.stdout.strip()).plateaus
+    assert sorted(plateau.means) == ["flow_l_min", "pressure_bar_abs"]
