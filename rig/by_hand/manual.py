@@ -99,6 +99,7 @@ class ManualSweep:
 
     def _step(self, step: Step) -> None:
         """One level, until it is taken, left out, or left."""
+        wanted = step
         verdict = self.hooks.predict(step.level_bar_abs, self._known)
         if not verdict.allowed:
             taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
@@ -114,7 +115,7 @@ class ManualSweep:
         try:
             self._take(step)
         except JumpedError as jump:
-            self._jump(step, jump.command)
+            self._jump(step, jump.command, wanted)
 
     @property
     def _known(self) -> list[Plateau]:
@@ -200,11 +201,14 @@ class ManualSweep:
 
     # Commands that leave a level.
 
-    def _jump(self, step: Step, command: Command) -> None:
+    def _jump(self, step: Step, command: Command, wanted: Step) -> None:
+        """Obey a command at a step, which is the wanted one, or one that the guard has put in before it."""
         self._event("command", command=command.word, level_bar_abs=step.level_bar_abs)
         if command.word == "skip":
-            self.left_out.append(step)
-            self.person.say(f"  {step.level_bar_abs:g} bar abs is left out")
+            if step is not wanted:
+                self.steps.popleft()  # the wanted one, which would be put behind the same step again
+            self.left_out.append(wanted)
+            self.person.say(f"  {wanted.level_bar_abs:g} bar abs is left out")
             return
         self.steps.appendleft(step)
         if command.word == "undo":

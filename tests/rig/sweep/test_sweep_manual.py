@@ -537,6 +537,26 @@ def test_skip_leaves_a_level_and_a_zero_out(session):
     assert [zero["which"] for zero in session.events("zero")] == ["end"]
 
 
+def test_skip_of_a_level_that_the_guard_puts_in_leaves_out_the_one_that_needs_it(tmp_path):
+    def predict(level, plateaus):
+        highest = 1.5 if plateaus else 1.3
+        return Verdict(level <= highest, "not known well enough", highest * 1e5)
+
+    session = Session(tmp_path, bench_of((1.4, 1.5)), predict=predict)
+    with session as terminal:
+        begin(terminal)
+        terminal.expect(r"measuring 1\.3 bar abs first")
+        terminal.expect(ENTRY)
+        terminal.type("skip")
+        terminal.expect(r"1\.4 bar abs is left out")
+        terminal.expect(r"measuring 1\.3 bar abs first")
+        take(terminal, 1.3)
+        take(terminal, 1.5)
+        finish(terminal)
+    assert [plateau.step.level_bar_abs for plateau in session.outcome.plateaus] == [1.3, 1.5]
+    assert [step.level_bar_abs for step in session.outcome.left_out] == [1.4]
+
+
 def test_a_level_that_was_overshot_is_told(session):
     with session as terminal:
         begin(terminal)
