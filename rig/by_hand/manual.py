@@ -66,14 +66,16 @@ class ManualSweep:
         """Take the zero, every level, and the zero again. ``vented`` is what the person said."""
         self.person.say("Type help for what can be typed.")
         while True:
-            outcome, reason, by = self._levels()
+            with self.prompter.watched():
+                outcome, reason, by = self._levels()
             vented = self._close_valve(may_undo=outcome == FINISHED and bool(self.plateaus))
             if vented is not None:
                 break
             self._undo()
         if vented and outcome == FINISHED:
             try:
-                self._zero("end")
+                with self.prompter.watched():
+                    self._zero("end")
             except (StoppedError, EndedError, TrippedError) as error:
                 self._event("note", text=f"no zero at the end: {error or 'stopped'}")
         if not vented:
@@ -93,7 +95,7 @@ class ManualSweep:
         except EndedError as error:
             return ABORTED, str(error), OPERATOR
         except TrippedError as error:
-            self.person.say(f"*** {error} ***")
+            self.person.say(f"\n*** {error} ***")
             return ABORTED, str(error), INTERLOCK
         return FINISHED, "", None
 

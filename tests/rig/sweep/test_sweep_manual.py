@@ -376,6 +376,27 @@ def test_a_typed_speed_beyond_the_limit_closes_the_run(tmp_path):
     assert session.outcome.vented
 
 
+@pytest.mark.parametrize("typed", [None, ""])
+def test_a_polled_speed_beyond_the_limit_closes_the_run_while_a_prompt_is_open_and_while_it_counts_down(
+    tmp_path, typed
+):
+    polled = []
+    session = Session(tmp_path, bench_of(dwell_s=60.0), trip=lambda *asked: next(iter(polled), None))
+    with session as terminal:
+        begin(terminal)
+        terminal.expect(r"set 1\.600")
+        terminal.expect(ENTRY)
+        if typed is not None:
+            terminal.type(typed)
+            terminal.expect("wait: 60 s")
+        polled.append("speed 632 rpm (tach.speed_rpm), limit 600 rpm")
+        terminal.expect(r"\n\*\*\* speed 632 rpm")
+        terminal.expect(CLOSED)
+        terminal.type("")
+    assert (session.outcome.outcome, session.outcome.stopped_by) == ("aborted", "interlock")
+    assert session.outcome.vented
+
+
 def expected_to_the_point(bar_abs, plateaus):
     speed = operating_points(MOTOR, [bar_abs * 1e5])[0].speed_rpm
     return 0.95 * speed, 1.05 * speed
