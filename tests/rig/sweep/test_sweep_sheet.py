@@ -304,3 +304,12 @@ def test_a_sheet_of_a_bench_whose_tachometer_reads_itself_has_no_speed(spinbench
     assert told.returncode == 0, told.stderr
     (plateau,) = read_run(tmp_path / told.stdout.strip()).plateaus
     assert sorted(plateau.means) == ["flow_l_min", "pressure_bar_abs"]
+
+
+def test_hours_and_minutes_with_a_point_between_are_no_seconds(bench):
+    points = f"{HEADER}14.05,1.6,up,1.6,44,232,,\n14.09,1.7,up,1.7,51,272,,\n"
+    with pytest.raises(SheetError, match=r"^time: '14\.05' may be .* write 14:05, or whole seconds"):
+        read_sheet(points, bench)
+    with pytest.raises(SheetError, match="write 14:05, or whole seconds"):
+        read_sheet(points.replace(",", ";").replace(".", ","), bench)
+    assert [row.time_s for row in read_sheet(points.replace("14.05", "14"), bench)] == pytest.approx([0.0, 0.09])
