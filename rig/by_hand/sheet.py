@@ -50,11 +50,14 @@ def print_sheet(bench: Bench) -> str:
 FROM = {UP: "below", DOWN: "above"}  # where a level is approached from
 
 
-def print_page(bench: Bench) -> str:
-    """A sheet to be printed on A4 and filled in by hand, as HTML."""
+def print_page(bench: Bench, ambient_bar: float | None = None) -> str:
+    """A sheet to be printed on A4 and filled in by hand, as HTML.
+
+    `ambient_bar`: the room's pressure, for the gauge values [bar]; the bench file's, or 1.01325, when left out.
+    """
     faces = faces_of(bench)
     heads = [html.escape(_words(column, faces)) for column in sheet_columns(bench)]
-    ambient_bar = bench.file.ambient.pressure_bar_abs or STANDARD_BAR
+    ambient_bar = ambient_bar or bench.file.ambient.pressure_bar_abs or STANDARD_BAR
     rows = [_page_row("zero", "", len(heads))]
     for step in _steps(bench):
         dial = on_the_dial(bench, step.level_bar_abs, ambient_bar)
@@ -80,6 +83,7 @@ def print_page(bench: Bench) -> str:
         rows="\n".join(rows),
         wait=f"{bench.file.sweep.dwell_s:g}",
         highest=f"{bench.file.safety.highest_speed_rpm:g}",
+        room=f"{ambient_bar:g}",
     )
 
 
@@ -101,6 +105,7 @@ tr {{ break-inside: avoid }}
 <table><thead><tr>{heads}</tr></thead><tbody>
 {rows}
 </tbody></table>
+<p>Gauge values are those with {room} bar abs in the room.</p>
 <p>Approach each level from the side that stands beside it. Wait {wait} s, read all, read the pressure again.
 &lt;10, &gt;100: off the scale. Above {highest} rpm: close the valve.</p>
 </body></html>

@@ -313,3 +313,16 @@ def test_hours_and_minutes_with_a_point_between_are_no_seconds(bench):
     with pytest.raises(SheetError, match="write 14:05, or whole seconds"):
         read_sheet(points.replace(",", ";").replace(".", ","), bench)
     assert [row.time_s for row in read_sheet(points.replace("14.05", "14"), bench)] == pytest.approx([0.0, 0.09])
+
+
+def test_the_page_has_gauge_values_for_the_room_that_is_given_and_says_which_it_took(bench, spinbench_here, tmp_path):
+    low = ["--ambient-pressure-bar-abs", "0.90"]
+    told = spinbench_here("sheet", "manual", "-o", "low.html", *low, cwd=tmp_path)
+    assert told.returncode == 0, told.stderr
+    page = (tmp_path / "low.html").read_text()
+    assert "1.60 <small>(0.70 gauge)</small>" in page
+    assert "with 0.9 bar abs in the room" in page
+    assert "with 1.01325 bar abs in the room" in print_page(bench)
+    wrong = spinbench_here("sheet", "manual", "-o", "high.html", low[0], "900", cwd=tmp_path)
+    assert wrong.returncode == 2
+    assert "900 mbar is 0.9 bar" in wrong.stderr
