@@ -104,7 +104,7 @@ class ManualSweep:
         wanted = step
         verdict = self.hooks.predict(step.level_bar_abs, self._known)
         if not verdict.allowed:
-            taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
+            taken = [self._ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
             stone = stepping_stone(step.level_bar_abs, verdict.highest_pa_abs / BAR, taken)
             if stone is None or not self.hooks.predict(stone, self._known).allowed:
                 self._refuse(step, verdict.text)

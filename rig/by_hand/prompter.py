@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from rig.acquisition import Acquisition
+from rig.acquisition.stage import ROOM
 from rig.bench.bench import Bench
 from rig.by_hand.by_hand import manual_device
 from rig.by_hand.conversation import Command, Conversation, StoppedError, Typed, command_of, help_text
 from rig.instruments.codecs.values import Value
 from rig.instruments.manual import EntryError, ManualEntry, decode_entry, example, unit_on_face
 from rig.readings import Reading
-from rig.runlog.schema import ROOM
 from rig.sweep import ambient as room
 from rig.sweep.course import Course
 from rig.sweep.orders import Trip

@@ -29,6 +29,7 @@ from rig.plateaus.plan import Step
 from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import Quality
 from rig.replay.player import Player
+from rig.replay.replaying import replay
 from rig.runlog import RunWriter, read_run, start_record
 from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
@@ -529,6 +530,53 @@ def test_what_was_said_of_the_room_is_put_right_at_any_prompt(session):
     assert recording.ambient.pressure_bar_abs == pytest.approx(0.983)
     assert recording.ambient.relative_humidity == pytest.approx(0.4)
     assert session.read().start.ambient.pressure_bar_abs == 1.01325  # what was said first stays
+
+
+ROOM_QUESTIONS = ("Ambient pressure", "Room temperature", "Relative humidity", "Minutes that the motor", "Lubrication")
+
+
+def put_right(terminal, *answers):
+    """Type what is right of the room at an open prompt."""
+    terminal.type("room")
+    for question, text in zip(ROOM_QUESTIONS, answers, strict=True):
+        terminal.expect(question)
+        terminal.type(text)
+
+
+def test_a_room_that_is_put_right_holds_for_the_flow_from_then_on_in_a_replay_too_and_its_oil_is_exported(tmp_path):
+    bench = dial_in_kpa(tmp_path)
+    mine = (tmp_path / "manual_bench.toml").read_text()
+    scale = 'reference = { kind = "rotameter_scale", pressure_bar_abs = 1.01325, temperature_c = 20.0 }\n'
+    (tmp_path / "manual_bench.toml").write_text(
+        mine.replace("[channels.flow_l_min]", f"[channels.flow_l_min]\n{scale}")
+    )
+    bench = read_bench(tmp_path / "kpa.toml")
+    session = Session(tmp_path, bench_of((1.6, 1.7), bench))
+    session.conversation.room = session.ambient
+    with session as terminal:
+        terminal.expect(ENTRY)
+        terminal.type("0 <10 0")
+        for level, shown in ((1.6, "60"), (1.7, "70")):
+            terminal.expect(rf"set {level:.3f}")
+            terminal.expect(ENTRY)
+            if level == 1.7:
+                put_right(terminal, "900", "0", "", "", "oil today")
+                terminal.expect(ENTRY)
+            terminal.type(f"{shown} 50 250")
+            terminal.expect(AFTER)
+            terminal.type("")
+        terminal.expect(CLOSED)
+        terminal.type("")
+        terminal.expect(ENTRY)
+        terminal.type("0 <10 0")
+    run = session.read()
+    flows = [plateau.means["flow_l_min"].mean for plateau in run.plateaus]
+    at = lambda bar, celsius: 50.0 * (1.01325 / bar * (celsius + 273.15) / 293.15) ** 0.5  # noqa: E731
+    assert flows == pytest.approx([at(1.61325, 20.0), at(1.6, 0.0)], rel=1e-6)
+    assert replay(run).same
+    exported = recording_of(run)
+    assert exported.recording.origin["oil"] == "oil today"
+    assert [note for note in exported.notes if "what was told of the room by then" in note]
 
 
 def test_the_guard_is_asked_before_each_level_is_prompted(tmp_path):
