@@ -105,7 +105,7 @@ def soak(
     bench, clock = soak_bench(), Clock(ports["rate"], ports["clock_start_ns"])
     seen: dict[str, Seen] = defaultdict(Seen)
     writer = RunWriter.create(folder, start_of("zero"))
-    recorder = Recorder(writer, lambda exchange: _counted(seen, exchange), Channels())
+    recorder = Recorder(writer, _Counting(seen), Channels())
     recorder.start()
     workers = []
     for name in names:
@@ -129,16 +129,25 @@ def soak(
     return seen, memory, writer.folder
 
 
-def _counted(seen: dict[str, Seen], exchange: Exchange) -> Exchange:
-    for reading in exchange.readings if is_poll(exchange) else ():
-        of = seen[reading.device]
-        of.polls += 1
-        of.usable += reading.usable
-        of.wrong += reading.good and off_rpm(reading, reading.device) > 0.0
-        if of.last_ns and len(of.intervals_s) < KEPT:
-            of.intervals_s.append((reading.reply_ns - of.last_ns) / NS)
-        of.last_ns = reading.reply_ns
-    return exchange
+class _Counting:
+    """A stage that counts what passes, and changes nothing."""
+
+    def __init__(self, seen: dict[str, Seen]) -> None:
+        self._seen = seen
+
+    def __call__(self, exchange: Exchange) -> Exchange:
+        for reading in exchange.readings if is_poll(exchange) else ():
+            of = self._seen[reading.device]
+            of.polls += 1
+            of.usable += reading.usable
+            of.wrong += reading.good and off_rpm(reading, reading.device) > 0.0
+            if of.last_ns and len(of.intervals_s) < KEPT:
+                of.intervals_s.append((reading.reply_ns - of.last_ns) / NS)
+            of.last_ns = reading.reply_ns
+        return exchange
+
+    def hear(self, event: str, details: object) -> None:
+        """Nothing."""
 
 
 def told(seen: dict[str, Seen], rates: dict[str, float], seconds: float) -> str:

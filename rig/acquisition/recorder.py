@@ -104,6 +104,7 @@ class Recorder(threading.Thread):
             raise RuntimeError("the recorder was started without a run log")
         if not isinstance(item, Exchange):
             kind, time_ns, details = item
+            self.stage.hear(kind, details)
             self.sink.event(kind, time_ns, **details)
             return
         exchange = self.stage(item)

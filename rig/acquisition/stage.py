@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 from rig.acquisition.derived import InletFlow
 from rig.bench.bench import Bench
 from rig.readings import Exchange, Quality, Reading
+
+ROOM = "room"  # the event with which a person puts right what was told of the room
 
 
 class Stage:
@@ -34,6 +38,12 @@ class Stage:
             if derived is not None:
                 logged.append(derived)
         return exchange.with_readings(tuple(logged))
+
+    def hear(self, event: str, details: Mapping[str, Any]) -> None:
+        """Take the room as a person has put it right, from this event of the log on."""
+        bar, celsius = details.get("pressure_bar_abs"), details.get("temperature_c")
+        if event == ROOM and isinstance(bar, int | float) and isinstance(celsius, int | float):
+            self.inlet_flow.ambient_bar, self.inlet_flow.ambient_c = bar, celsius
 
     def _marked(self, reading: Reading) -> Reading:
         if self.simulated and reading.quality is Quality.OK:

@@ -54,6 +54,7 @@ def now(bench: Bench) -> list[str]:
         *_unreferenced_flow(bench),
         *_shared_ports(bench.file),
         *_no_vent(bench),
+        *_nobody_asked(bench.file),
         *_times(bench.file),
     ]
 
@@ -96,6 +97,18 @@ def _no_vent(bench: Bench) -> list[str]:
     return [
         f"roles.regulator: '{device}' takes no less than {driver.lowest:g} {driver.unit}, so that it cannot be ordered "
         f"to give no pressure; its lowest is {most:g} or less"
+    ]
+
+
+def _nobody_asked(file: BenchFile) -> list[str]:
+    """What a person would read while a regulator makes the run: such a run asks nobody."""
+    if file.roles.regulator is None:
+        return []
+    return [
+        f"roles.{role}: a person reads '{name}', and nobody is asked while a regulator makes the run; name an "
+        "instrument that reads itself, or take roles.regulator out, and the person sets the pressure too"
+        for role, name in file.roles
+        if name is not None and file.lines[file.devices[name.partition(".")[0]].line].kind == "keyboard"
     ]
 
 

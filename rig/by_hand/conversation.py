@@ -18,7 +18,7 @@ MOST_CHARACTERS = 200
 MOST_BUFFER = 65_536
 WAIT = "wait:"
 MOST_MARKS = 10  # of a countdown
-LOOK_REAL_S = 0.2  # how often a wait looks whether the operator has asked to stop
+LOOK_REAL_S = 0.2  # how often a wait looks whether the operator has asked to stop, and after the bench
 
 
 class StoppedError(Exception):
@@ -43,6 +43,7 @@ class Conversation:
 
     `stops`: how often the operator has asked to stop by other means than typing, such as Ctrl-C.
     `room`: what the person has said of the room, as far as it is known here.
+    `look`: called several times a second while a prompt is open or time is counted down; what it raises ends the wait.
     """
 
     def __init__(self, port: KeyboardPort, clock: Clock, stops: Callable[[], int] = lambda: 0) -> None:
@@ -50,6 +51,7 @@ class Conversation:
         self.stops = stops
         self.room: Ambient | None = None
         self.log: Callable[..., None] = _unlogged
+        self.look: Callable[[], None] = _unwatched
         self._seen_stops = 0
         self._buffer = b""
         port.open()
@@ -79,7 +81,7 @@ class Conversation:
         try:
             asked_ns = self.port.write(prompt.encode("utf-8", "replace"))
             while b"\n" not in self._buffer:
-                self._look_for_stop()
+                self._look()
                 _, data = self.port.read(self.clock.now_ns() + int(LOOK_REAL_S * self.clock.rate * NS))
                 self._buffer = (self._buffer + data.replace(b"\r", b"\n"))[-MOST_BUFFER:]
         except LostError as error:
@@ -116,7 +118,7 @@ class Conversation:
         next_ns = int(seconds * NS)
         self.show(f"  {WAIT}")
         while (left_ns := end_ns - self.clock.now_ns()) > 0 and not self._is_typed():
-            self._look_for_stop()
+            self._look()
             if left_ns <= next_ns:
                 next_ns -= mark_ns
                 self.show(f" {math.ceil(left_ns / NS)} s")
@@ -132,14 +134,19 @@ class Conversation:
         self._buffer = (self._buffer + data.replace(b"\r", b"\n"))[-MOST_BUFFER:].lstrip(b"\n")
         return b"\n" in self._buffer
 
-    def _look_for_stop(self) -> None:
+    def _look(self) -> None:
         if self.stops() > self._seen_stops:
             self._seen_stops = self.stops()
             raise StoppedError
+        self.look()
 
 
 def _unlogged(kind: str, **details: object) -> None:
     """Where no run is being written."""
+
+
+def _unwatched() -> None:
+    """Where there is nothing to look after."""
 
 
 class ValveHand:

@@ -66,14 +66,16 @@ class ManualSweep:
         """Take the zero, every level, and the zero again. ``vented`` is what the person said."""
         self.person.say("Type help for what can be typed.")
         while True:
-            outcome, reason, by = self._levels()
+            with self.prompter.watched():
+                outcome, reason, by = self._levels()
             vented = self._close_valve(may_undo=outcome == FINISHED and bool(self.plateaus))
             if vented is not None:
                 break
             self._undo()
         if vented and outcome == FINISHED:
             try:
-                self._zero("end")
+                with self.prompter.watched():
+                    self._zero("end")
             except (StoppedError, EndedError, TrippedError) as error:
                 self._event("note", text=f"no zero at the end: {error or 'stopped'}")
         if not vented:
@@ -93,15 +95,16 @@ class ManualSweep:
         except EndedError as error:
             return ABORTED, str(error), OPERATOR
         except TrippedError as error:
-            self.person.say(f"*** {error} ***")
+            self.person.say(f"\n*** {error} ***")
             return ABORTED, str(error), INTERLOCK
         return FINISHED, "", None
 
     def _step(self, step: Step) -> None:
         """One level, until it is taken, left out, or left."""
+        wanted = step
         verdict = self.hooks.predict(step.level_bar_abs, self._known)
         if not verdict.allowed:
-            taken = [self.course.ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
+            taken = [self._ambient_bar, *(plateau.step.level_bar_abs for plateau in self._known)]
             stone = stepping_stone(step.level_bar_abs, verdict.highest_pa_abs / BAR, taken)
             if stone is None or not self.hooks.predict(stone, self._known).allowed:
                 self._refuse(step, verdict.text)
@@ -114,7 +117,7 @@ class ManualSweep:
         try:
             self._take(step)
         except JumpedError as jump:
-            self._jump(step, jump.command)
+            self._jump(step, jump.command, wanted)
 
     @property
     def _known(self) -> list[Plateau]:
@@ -200,11 +203,14 @@ class ManualSweep:
 
     # Commands that leave a level.
 
-    def _jump(self, step: Step, command: Command) -> None:
+    def _jump(self, step: Step, command: Command, wanted: Step) -> None:
+        """Obey a command at a step, which is the wanted one, or one that the guard has put in before it."""
         self._event("command", command=command.word, level_bar_abs=step.level_bar_abs)
         if command.word == "skip":
-            self.left_out.append(step)
-            self.person.say(f"  {step.level_bar_abs:g} bar abs is left out")
+            if step is not wanted:
+                self.steps.popleft()  # the wanted one, which would be put behind the same step again
+            self.left_out.append(wanted)
+            self.person.say(f"  {wanted.level_bar_abs:g} bar abs is left out")
             return
         self.steps.appendleft(step)
         if command.word == "undo":

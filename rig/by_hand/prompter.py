@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 from rig.acquisition import Acquisition
+from rig.acquisition.stage import ROOM
 from rig.bench.bench import Bench
 from rig.by_hand.by_hand import manual_device
 from rig.by_hand.conversation import Command, Conversation, StoppedError, Typed, command_of, help_text
 from rig.instruments.codecs.values import Value
 from rig.instruments.manual import EntryError, ManualEntry, decode_entry, example, unit_on_face
 from rig.readings import Reading
-from rig.runlog.schema import ROOM
 from rig.sweep import ambient as room
 from rig.sweep.course import Course
 from rig.sweep.orders import Trip
@@ -38,7 +39,7 @@ class JumpedError(Exception):
 
 
 class TrippedError(Exception):
-    """A typed reading is beyond a limit of the bench."""
+    """A reading is beyond a limit of the bench."""
 
 
 class Prompter:
@@ -61,6 +62,18 @@ class Prompter:
         }
         self.note = ""
         self._view = BenchView(acquisition)
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """While entered, a reading beyond a limit ends an open prompt too: instruments may be polled beside the person.
+
+        What the conversation raises then is TrippedError.
+        """
+        before, self.person.look = self.person.look, self._look
+        try:
+            yield
+        finally:
+            self.person.look = before
 
     def entry(self, lead: str = "", doubt: Doubt = believed) -> dict[str, Reading]:
         """Ask for one line of readings, and obey commands until there is one; by channel, and by role.
@@ -158,10 +171,13 @@ class Prompter:
             reading = self._logged(role, typed.typed_ns)
             if reading is not None:
                 found[role] = reading
+        self._look()
+        return found
+
+    def _look(self) -> None:
         reason = self.trip(self._view, self.clock.now_ns(), False)
         if reason is not None:
             raise TrippedError(reason)
-        return found
 
     def _logged(self, role: str, typed_ns: int) -> Reading | None:
         """The reading that a typed channel, or one derived from it, got for a role; None when it is not typed."""

@@ -10,17 +10,25 @@ from collections.abc import Mapping
 from configs.units import STANDARD_BAR
 from rig.bench.bench import Bench
 from rig.bench.instrument import ChannelFile
-from rig.by_hand.by_hand import faces_of, on_the_dial
+from rig.by_hand.by_hand import faces_of, manual_device, on_the_dial
 from rig.instruments.manual import is_other_unit, quantity, unit_on_face
-from rig.plateaus.plan import DOWN, UP, Step, plan
+from rig.plateaus.plan import DOWN, UP, Step, SweepError, plan
 
 AT_ZERO = "zero"  # in the column of the level: instruments read with the line vented
 
 
 def sheet_columns(bench: Bench) -> dict[str, str]:
-    """The columns of a sheet, in order, and how each is headed: with its unit, where that is not the name's."""
+    """The columns of a sheet, in order, and how each is headed: with its unit, where that is not the name's.
+
+    Raises SweepError when no person reads the bench's pressure.
+    """
     faces = faces_of(bench)
-    pressure = bench.file.roles.pressure.partition(".")[2]
+    device, _, pressure = bench.file.roles.pressure.partition(".")
+    if device != manual_device(bench):
+        raise SweepError(
+            f"{bench.name}: roles.pressure is '{bench.file.roles.pressure}', which nobody reads; a sheet needs a gauge "
+            "that a person reads. Take the sweep at the prompt (spinbench sweep)"
+        )
     names = ["time", "level_bar_abs", "direction", *faces, f"{pressure}_after", "note"]
     units = {name: f" [{unit_on_face(name, face)}]" for name, face in faces.items() if is_other_unit(name, face)}
     return {name: name + units.get(name.removesuffix("_after"), "") for name in names}
@@ -42,11 +50,14 @@ def print_sheet(bench: Bench) -> str:
 FROM = {UP: "below", DOWN: "above"}  # where a level is approached from
 
 
-def print_page(bench: Bench) -> str:
-    """A sheet to be printed on A4 and filled in by hand, as HTML."""
+def print_page(bench: Bench, ambient_bar: float | None = None) -> str:
+    """A sheet to be printed on A4 and filled in by hand, as HTML.
+
+    `ambient_bar`: the room's pressure, for the gauge values [bar]; the bench file's, or 1.01325, when left out.
+    """
     faces = faces_of(bench)
     heads = [html.escape(_words(column, faces)) for column in sheet_columns(bench)]
-    ambient_bar = bench.file.ambient.pressure_bar_abs or STANDARD_BAR
+    ambient_bar = ambient_bar or bench.file.ambient.pressure_bar_abs or STANDARD_BAR
     rows = [_page_row("zero", "", len(heads))]
     for step in _steps(bench):
         dial = on_the_dial(bench, step.level_bar_abs, ambient_bar)
@@ -72,6 +83,7 @@ def print_page(bench: Bench) -> str:
         rows="\n".join(rows),
         wait=f"{bench.file.sweep.dwell_s:g}",
         highest=f"{bench.file.safety.highest_speed_rpm:g}",
+        room=f"{ambient_bar:g}",
     )
 
 
@@ -93,6 +105,7 @@ tr {{ break-inside: avoid }}
 <table><thead><tr>{heads}</tr></thead><tbody>
 {rows}
 </tbody></table>
+<p>Gauge values are those with {room} bar abs in the room.</p>
 <p>Approach each level from the side that stands beside it. Wait {wait} s, read all, read the pressure again.
 &lt;10, &gt;100: off the scale. Above {highest} rpm: close the valve.</p>
 </body></html>

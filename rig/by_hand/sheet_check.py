@@ -63,7 +63,7 @@ class _Check:
         pressure = self._roles["pressure"]
         first = values["pressure"]
         near = row.level_bar_abs if first.value is None else first.value + self._added_bar
-        for_after = {"pressure": self._values(row.after)["pressure"], "speed": values["speed"]}
+        for_after = values | {"pressure": self._values(row.after)["pressure"]}
         for found, more in zip((impossible, doubts), self._of(for_after, near), strict=True):
             found |= {f"{pressure}_after": more[pressure]} if pressure in more else {}
         return impossible, doubts

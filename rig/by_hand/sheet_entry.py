@@ -37,9 +37,11 @@ MOST_BYTES = 1_000_000
 MOST_ROWS = 2000
 MOST_NOTE = 500
 CLOCK_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
+POINTED = re.compile(r"\d{1,2}\.[0-5]\d")
 NUMBER = re.compile(r"\d{1,7}(?:\.\d{1,6})?")
 DECIMAL = re.compile(r"[<>]?[+-]?\d+[.,]\d+")
-DAY_S = 86_400.0
+DAY_S, DAY_H = 86_400.0, 24.0
+APART_NS = 1_000_000  # between rows of the same minute: what is read at a zero's time is the zero's alone
 T = TypeVar("T")
 
 
@@ -98,6 +100,7 @@ def rows_and_mistakes(text: str, bench: Bench) -> tuple[list[SheetRow], dict[int
         raise SheetError(f"longer than {MOST_BYTES} characters; this is no sheet")
     columns = sheet_columns(bench)
     lines = _lines(text.removeprefix("\ufeff"), [*columns.values()])
+    _refuse_points(lines)
     if len(lines) > MOST_ROWS:
         raise SheetError(f"more than {MOST_ROWS} rows")
     typed = faces_of(bench)
@@ -132,15 +135,16 @@ def enter_sheet(bench: Bench, rows: Sequence[SheetRow], sink: Sink, ambient: Amb
     """
     keys = _Keys(bench, sink, ambient)
     plateaus: list[Plateau] = []
+    time_ns = -APART_NS
     for row in rows:
-        time_ns = round(row.time_s * NS)
+        time_ns = max(round(row.time_s * NS), time_ns + APART_NS)
         if row.doubt:
             sink.event("doubted", time_ns, text=row.doubt)
         found = keys.enter(row.entry, time_ns)
         if row.level_bar_abs is None:
             channels = {reading.name: {"mean": reading.value, "se": None, "n": 1} for reading in found.values()}
             which = "end" if plateaus else "start"
-            times = {"start_s": row.time_s, "end_s": row.time_s}
+            times = {"start_s": time_ns / NS, "end_s": time_ns / NS}
             sink.event(ZERO, time_ns, which=which, vented=True, channels=channels, **times)
             continue
         means = {role: entry.mean_of_entries([reading]) for role, reading in found.items()}
@@ -175,6 +179,13 @@ def _lines(text: str, columns: list[str]) -> list[list[str]]:
         [cell.replace(",", ".") if DECIMAL.fullmatch(cell) else cell for cell in line[:-1]] + line[-1:]
         for line in lines
     ]
+
+
+def _refuse_points(lines: list[list[str]]) -> None:
+    """Raises SheetError, when every time could be hours and minutes with a point between: they would be seconds."""
+    times = [cells[0] for cells in lines[1:] if cells and cells[0]]
+    if times and all(POINTED.fullmatch(time) and float(time) < DAY_H for time in times):
+        raise SheetError(f"time: '{times[0]}' may be a time of the clock; write 14:05, or whole seconds")
 
 
 class _Keys:

@@ -21,10 +21,10 @@ from rig.recording.origin import of_run
 from rig.recording.read import what_lacks
 from rig.recording.schema import MOST_TEXT, SupplyTable
 from rig.runlog.folder import HASHED, EmptyRunError, RunError, sha256_of
-from rig.runlog.phases import DERIVED_DEVICE, Phase, quantity_channels, series, zeros
+from rig.runlog.phases import DERIVED_DEVICE, Phase, corrections, quantity_channels, room_said, series, zeros
 from rig.runlog.plateaus import Mean, PlateauRow
 from rig.runlog.reader import BEING_WRITTEN, Run
-from rig.runlog.schema import ROOM, AmbientRecord
+from rig.runlog.schema import AmbientRecord
 
 NOTES = "notes.txt"
 STANDS = 3.0  # standard errors of a mean speed that is none
@@ -73,7 +73,7 @@ def recording_of(run: Run, unsettled: bool = False) -> Exported:
         )
         if file is not None
     ]
-    notes += _counted(run, channels, plateaus)
+    notes += _counted(run, channels, plateaus) + _of_another_room(run, channels)
     if not files:
         raise EmptyRunError(
             f"{run.folder}: nothing to export: {len(run.plateau_rows)} plateaus written, of which {len(plateaus)} can "
@@ -106,11 +106,17 @@ def _origin(run: Run) -> dict[str, str]:
         "date": start.taken,
         "operator": start.operator,
         "motor_serial": start.motor_serial,
-        "oil": start.lubrication,
+        "oil": _lubrication(run),
         "note": f"{note}{'; ' * bool(note)}{of_run(run.name, start.bench, start.seal)}",
         "parent": start.goes_on_from,
     }
     return {key: text[:MOST_TEXT] for key, text in said.items() if text}
+
+
+def _lubrication(run: Run) -> str:
+    """As the person has put it right since."""
+    said = [text for event in corrections(run) if isinstance(text := event.details.get("lubrication"), str)]
+    return said[-1] if said else run.start.lubrication
 
 
 def _about(run: Run) -> list[str]:
@@ -232,26 +238,27 @@ def _counted(run: Run, channels: dict[str, str], plateaus: list[PlateauRow]) -> 
     return notes
 
 
+def _of_another_room(run: Run, channels: dict[str, str]) -> list[str]:
+    """That flows were brought to the inlet's state with what was first told of the room."""
+    if not corrections(run) or not channels.get("flow_l_min", "").startswith(f"{DERIVED_DEVICE}."):
+        return []
+    first, last = run.start.ambient, room_said(run)
+    if (first.pressure_bar_abs, first.temperature_c) == (last.pressure_bar_abs, last.temperature_c):
+        return []
+    return [
+        f"flow_l_min: before {corrections(run)[-1].time_s:.1f} s it was brought to the inlet's state with what was "
+        "told of the room by then; it was put right since"
+    ]
+
+
 def _ambient(run: Run) -> Ambient:
     """The room: start and end halved, half their difference as an error when that is larger than the stated one."""
-    start = _room_said(run)
+    start = room_said(run)
     end = (run.end.ambient_end if run.end is not None else None) or AmbientRecord()
     pressure, pressure_sd = _between(start.pressure_bar_abs, end.pressure_bar_abs, start.pressure_sd_bar)
     temperature, temperature_sd = _between(start.temperature_c, end.temperature_c, start.temperature_sd_k)
     humidity, _ = _between(start.relative_humidity, end.relative_humidity, None)
     return Ambient(pressure, pressure_sd, temperature, temperature_sd, humidity)
-
-
-def _room_said(run: Run) -> AmbientRecord:
-    """The room at the start, as the person has put it right since."""
-    corrections = [event.details for event in run.events if event.event == ROOM]
-    if not corrections:
-        return run.start.ambient
-    said = {key: value for key, value in corrections[-1].items() if key in AmbientRecord.model_fields}
-    try:
-        return AmbientRecord(**(run.start.ambient.model_dump() | said))
-    except ValueError:
-        raise RunError(f"{run.folder}: the room in its events makes no sense; the file is damaged") from None
 
 
 def _between(start: float | None, end: float | None, sd: float | None) -> tuple[float | None, float | None]:

@@ -9,7 +9,7 @@ import numpy as np
 from configs.units import BAR, M3_S, RAD_S, STANDARD_BAR
 from rig.readings import NS
 from rig.runlog import Run, RunError
-from rig.runlog.phases import Series, quantity_channels, series
+from rig.runlog.phases import Series, quantity_channels, room_said, series
 
 LONG_S = 1e9
 STEP_S = 0.05  # of what the model gives to be set beside it
@@ -43,7 +43,7 @@ def channels_of(run: Run) -> Measured:
         raise RunError(f"{run.folder}: no pressure or no speed was read, so there is nothing to drive a model with")
     added = 0.0
     if pressure.endswith("_gauge"):
-        added = run.start.ambient.pressure_bar_abs or STANDARD_BAR
+        added = room_said(run).pressure_bar_abs or STANDARD_BAR
     P = _all(run, names[pressure])
     if P.time_ns.size < 2 or (P.time_ns[-1] - P.time_ns[0]) / NS < 2.0 * STEP_S:
         raise RunError(

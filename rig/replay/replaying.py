@@ -82,12 +82,12 @@ def replay(
         raise RunError(f"{run.folder}: the bytes on the wire were not kept, so there is nothing to replay")
     room = run.start.ambient.model_dump()
     player = Player(bench or bench_of_run(run), run.start.simulated, room, run.start.clock.rate)
-    pace, events, compared = _Pace(real_time), _Events(run, writer), _Compared(run)
+    pace, events, compared = _Pace(real_time), _Events(run, player, writer), _Compared(run)
     played = 0
     for number, exchange in run.exchanges():
+        events.pass_until(exchange.events[-1].time_ns / NS if exchange.events else 0.0)
         again = player.play(exchange)
         pace.wait(again)
-        events.write_until(again.events[-1].time_ns / NS if again.events else 0.0)
         if writer is not None:
             writer.exchange(again)
         for reading in again.readings:
@@ -95,21 +95,23 @@ def replay(
         played += 1
         if listener is not None:
             listener(played, again)
-    events.write_until(math.inf)
+    events.pass_until(math.inf)
     return compared.result(played, player.differences)
 
 
 class _Events:
-    """Writes the run's events into its replay, each before what was heard after it."""
+    """Tells the player of the run's events, and writes them into its replay, each before what was heard after it."""
 
-    def __init__(self, run: Run, writer: RunWriter | None) -> None:
-        self._writer = writer
-        self._left = deque(run.events if writer is not None else ())
+    def __init__(self, run: Run, player: Player, writer: RunWriter | None) -> None:
+        self._player, self._writer = player, writer
+        self._left = deque(run.events)
 
-    def write_until(self, time_s: float) -> None:
-        while self._writer is not None and self._left and self._left[0].time_s <= time_s:
+    def pass_until(self, time_s: float) -> None:
+        while self._left and self._left[0].time_s <= time_s:
             event = self._left.popleft()
-            self._writer.event(event.event, int(event.time_s * NS), **event.details)
+            self._player.stage.hear(event.event, event.details)
+            if self._writer is not None:
+                self._writer.event(event.event, int(event.time_s * NS), **event.details)
 
 
 class _Compared:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from configs.units import BAR
 from rig.acquisition import Acquisition, RecorderError
@@ -95,6 +95,7 @@ class Wanted:
     beside: Beside = alone
 
 
+T = TypeVar("T")
 Plan = Callable[[Bench, Ambient], tuple[Course, list[str]]]
 
 
@@ -155,7 +156,9 @@ class _Run:
         stop: Stop,
         conversation: Conversation | None,
     ) -> None:
-        self.bench, self.path, self.place, self.ambient = bench, path, place, ambient
+        self.bench, self.path, self.place = bench, path, place
+        self._ambient = ambient
+        self._guarding: tuple[Ambient, Guard] | None = None
         self.wanted, self.stop, self.conversation = wanted, stop, conversation
         self.acquisition = Acquisition(
             bench,
@@ -166,12 +169,24 @@ class _Run:
             ambient_c=ambient.temperature_c,
         )
 
+    @property
+    def ambient(self) -> Ambient:
+        """The room, as the person has put it right meanwhile."""
+        room = None if self.conversation is None else self.conversation.room
+        return self._ambient if room is None else room
+
+    def _guard(self) -> Guard:
+        """Of the motor in that room."""
+        if self._guarding is None or self._guarding[0] is not self.ambient:
+            self._guarding = (self.ambient, guard_of(self.bench, self.ambient))
+        return self._guarding[1]
+
     def go(self, course: Course) -> tuple[Path, Outcome]:
         """Identify, make the run, go through the course, seal."""
         # Before anything is under way: right after an installation the solvers are compiled here. A watchdog that was
         # there by then would take a long compilation for a sweep that hangs.
         with self.wanted.waiting("computing what the motor can do"):
-            guard, limits = guard_of(self.bench, self.ambient), self._limits()
+            self._guard()
         with self.wanted.waiting("looking for the instruments"):
             self.acquisition.connect()
         writer = RunWriter.create(self.wanted.root, self._start(), self.wanted.wire)
@@ -182,7 +197,7 @@ class _Run:
             self.acquisition.begin(writer)
             watchdog = self._watchdog(writer)
             with self.wanted.beside(writer.folder, self._note) as tell:
-                outcome = self._course(writer, course, self._hooks(guard, limits, watchdog, course, tell))
+                outcome = self._course(writer, course, self._hooks(watchdog, course, tell))
         except BaseException as error:
             outcome = Outcome("failed", why_failed(error), False, [], [])
             error.add_note(self._seal(writer, outcome, begin_ns, watchdog))
@@ -237,15 +252,15 @@ class _Run:
         file = self.bench.file
         return Limits(file.safety, file.roles, self.ambient.pressure_bar_abs, self.place.clock.rate)
 
-    def _expected(self, guard: Guard, course: Course, is_gauge: bool) -> Callable[[Sequence[Plateau]], None]:
+    def _expected(self, course: Course, is_gauge: bool) -> Callable[[Sequence[Plateau]], None]:
         """Notes what the guard holds for possible, for whoever watches: speeds over the levels, and f_overall."""
-        room = self.ambient.pressure_bar_abs
+        first = self.ambient.pressure_bar_abs
         wanted = [step.level_bar_abs for step in course.steps] + [one.level_bar_abs for one in course.captures]
-        top = max(wanted, default=room)
-        levels = [room + (top - room) * share / BAND_LEVELS for share in range(1, BAND_LEVELS + 1)]
+        top = max(wanted, default=first)
+        levels = [first + (top - first) * share / BAND_LEVELS for share in range(1, BAND_LEVELS + 1)]
 
         def note(plateaus: Sequence[Plateau]) -> None:
-            points = points_of(plateaus, room if is_gauge else 0.0)
+            guard, points = self._guard(), points_of(plateaus, self.ambient.pressure_bar_abs if is_gauge else 0.0)
             try:
                 band = [guard.predict(level * BAR, points) for level in levels]
                 mean, sd = guard.friction(points)
@@ -261,17 +276,17 @@ class _Run:
 
         return note
 
-    def _hooks(
-        self, guard: Guard, limits: Limits, watchdog: Watchdog | None, course: Course, tell: Callable[[Plateau], None]
-    ) -> Hooks:
+    def _hooks(self, watchdog: Watchdog | None, course: Course, tell: Callable[[Plateau], None]) -> Hooks:
         """What the course asks and tells on its way."""
+        limits = self._limits()
 
         def trip(view: View, now_ns: int, pressurised: bool) -> str | None:
+            limits.ambient_bar_abs = self.ambient.pressure_bar_abs
             fault = watchdog.fault() if watchdog is not None else None
             return fault or limits.trip(view, now_ns, pressurised)
 
         measured, is_gauge = list(course.known), self.bench.file.roles.pressure.endswith("_gauge")
-        expected = self._expected(guard, course, is_gauge)
+        expected = self._expected(course, is_gauge)
         expected(measured)
 
         def taken(plateau: Plateau) -> None:
@@ -279,15 +294,19 @@ class _Run:
             measured.append(plateau)
             expected(measured)
 
+        def of_guard(hook: Callable[[Guard, float, bool], Callable[..., T]]) -> Callable[..., T]:
+            """A hook of the guard, in the room as it is told to be when it is asked."""
+            return lambda *asked: hook(self._guard(), self.ambient.pressure_bar_abs, is_gauge)(*asked)
+
         return Hooks(
-            guarded(guard, self.ambient.pressure_bar_abs, is_gauge),
+            of_guard(guarded),
             trip,
             lambda: self.stop.asked,
             self.wanted.progress,
             Silent() if self.conversation is None else ValveHand(self.conversation),
             taken,
-            expecting(guard, self.ambient.pressure_bar_abs, is_gauge),
-            doubting(guard, self.ambient.pressure_bar_abs, is_gauge),
+            of_guard(expecting),
+            of_guard(doubting),
         )
 
     def _seal(self, writer: RunWriter, outcome: Outcome, begin_ns: int, watchdog: Watchdog | None) -> str:
@@ -296,8 +315,6 @@ class _Run:
         A line that is not known to be vented is left to the watchdog, which tries on by itself. What is known of the
         line is returned in words, and goes with every error.
         """
-        if self.conversation is not None and self.conversation.room is not None:
-            self.ambient = self.conversation.room  # as the person has put it right meanwhile
         minutes = (self.place.clock.now_ns() - begin_ns) / NS / 60.0
         statistics = self.acquisition.statistics()
         self.acquisition.event("statistics", None, **statistics)

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from rig.acquisition.derived import CHANNEL as DERIVED_CHANNEL
 from rig.acquisition.derived import DEVICE as DERIVED_DEVICE
+from rig.acquisition.stage import ROOM
 from rig.readings import NS, USABLE, Quality
+from rig.runlog.folder import RunError
 from rig.runlog.plateaus import columns_of
 from rig.runlog.reader import Run
-from rig.runlog.schema import CAPTURE, ZERO, ZERO_TAKEN_BACK, EventLine
+from rig.runlog.schema import CAPTURE, ZERO, ZERO_TAKEN_BACK, AmbientRecord, EventLine
 
 CAPTURES = ("coast-down", "spin-up")
 
@@ -98,6 +100,23 @@ def zeros(run: Run) -> tuple[list[Phase], list[str]]:
     if not events and run.start.kind == ZERO:
         phases = [_whole(run, ZERO)]
     return phases, notes if len(phases) < len(events) else []
+
+
+def corrections(run: Run) -> list[EventLine]:
+    """What the person has put right of the room, oldest first."""
+    return [event for event in run.events if event.event == ROOM]
+
+
+def room_said(run: Run) -> AmbientRecord:
+    """The room at the start, as the person has put it right since. Raises RunError when that makes no sense."""
+    corrected = corrections(run)
+    if not corrected:
+        return run.start.ambient
+    said = {key: value for key, value in corrected[-1].details.items() if key in AmbientRecord.model_fields}
+    try:
+        return AmbientRecord(**(run.start.ambient.model_dump() | said))
+    except ValueError:
+        raise RunError(f"{run.folder}: the room in its events makes no sense; the file is damaged") from None
 
 
 def captures(run: Run) -> tuple[list[Phase], list[str]]:

@@ -17,7 +17,7 @@ from rig.runlog.folder import RunError
 
 MAX_SHOWN = 20  # mistakes
 # Events that an export looks for.
-ZERO, CAPTURE, ZERO_TAKEN_BACK, ROOM = "zero", "capture end", "zero taken back", "room"
+ZERO, CAPTURE, ZERO_TAKEN_BACK = "zero", "capture end", "zero taken back"
 ADDED = "added"  # of a state: its level is none of the course's, and is measured on the way to one that is
 COURSE, EXPECTED = "course", "expected"  # what is to be taken, and what the guard holds for possible
 Kind = Literal["sweep", "coast-down", "spin-up", "zero", "plateaus", "manual", "import", "replay"]

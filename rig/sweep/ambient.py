@@ -111,7 +111,7 @@ def at_start(bench: Bench, given: Given | None = None, ask: Ask | None = None) -
     Raises AmbientError when something is missing and nobody is there, or an option is implausible.
     """
     given = given or Given()
-    known, sources = _known(bench, given)
+    known, sources = known_of(bench, given)
     missing = [one.name for one in fields(Given) if known.get(one.name) is None]
     if missing and ask is None:
         wanted = ", ".join(OPTIONS[name] for name in missing)
@@ -141,7 +141,11 @@ def at_end(start: Ambient, minutes: float, ask: Ask | None = None) -> Ambient:
     return replace(end, **_all_asked(names, ask, start.told()))
 
 
-def _known(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
+def known_of(bench: Bench, given: Given) -> tuple[dict[str, Any], dict[str, str]]:
+    """What is known of the room without asking, and where it comes from; options go before the bench file.
+
+    Raises AmbientError: an option is implausible.
+    """
     known: dict[str, Any] = {}
     sources: dict[str, str] = {}
     of_file = {name: getattr(bench.file.ambient, name) for name in ROOM_COLUMNS}

@@ -96,9 +96,10 @@ def _against_model(run: Run, out: Path | None) -> None:
     from rig.recording import files
     from rig.replay.channels import STEP_S, channels_of
     from rig.runlog import RunError
+    from rig.runlog.phases import room_said
 
     measured = channels_of(run)
-    room = run.start.ambient
+    room = room_said(run)
     motor = in_room(read_motor(run.start.motor), room.pressure_bar_abs, room.temperature_c, room.relative_humidity)
     motor = motor.with_values({"inertia": motor["inertia"].value + run.start.added_inertia_kg_m2})
     with counting("model", 1) as tell:

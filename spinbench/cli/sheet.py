@@ -52,10 +52,10 @@ def sheet(
     if date and (wrong := mistake_in(date)):
         raise typer.BadParameter(f"--date '{date}' {wrong}")
     read = read_bench(bench_path(bench))
+    given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
     if out is not None:
-        _print(read, out)
+        _print(read, out, given)
     if entered is not None:
-        given = Given(ambient_pressure_bar_abs, ambient_temperature_c, relative_humidity, lubrication, minutes_running)
         text, room = _filled_in(read, entered, given)
         try:
             print(enter(read, text, room, logs, operator, motor_serial, note, date, as_read))
@@ -63,16 +63,19 @@ def sheet(
             raise SheetError("\n".join(f"{entered}: {line}" for line in str(error).splitlines())) from None
 
 
-def _print(bench: Bench, out: Path) -> None:
+def _print(bench: Bench, out: Path, given: Given) -> None:
     from rig.by_hand import sheet as sheets
     from rig.recording import files
+    from rig.sweep.ambient import known_of
 
     if out.suffix not in (".html", ".csv"):
         raise typer.BadParameter(f"{out}: a sheet is .html, to be printed, or .csv, to be filled in")
     if out.exists():
         raise typer.BadParameter(f"{out} exists already, and may be filled in; give a name that is free")
     check_places(None, out)
-    text = sheets.print_sheet(bench) if out.suffix == ".csv" else sheets.print_page(bench)
+    room, _ = known_of(bench, given)
+    is_table = out.suffix == ".csv"
+    text = sheets.print_sheet(bench) if is_table else sheets.print_page(bench, room.get("pressure_bar_abs"))
     files.write_file(out, text.encode())
     print(out)
 

@@ -25,7 +25,7 @@ from rig.clock import Clock
 from rig.lines import Line, Port, Timing, modbus
 from rig.lines.serial import SerialPort
 from rig.lines.tcp import TcpPort
-from rig.readings import Quality, Reading
+from rig.readings import Exchange, Quality, Reading
 from rig.runlog import RunWriter, StartRecord
 from rig.runlog.rows import utc_text
 from rig.runlog.schema import ClockRecord
@@ -127,6 +127,16 @@ class Gauge:
         return [Reading("gauge", "pressure_bar_abs", float(registers[0]), "bar", Quality.OK, *times)]
 
 
+class AsItIs:
+    """A stage that adds nothing."""
+
+    def __call__(self, exchange: Exchange) -> Exchange:
+        return exchange
+
+    def hear(self, event: str, details: object) -> None:
+        """Nothing."""
+
+
 def whole(port: Port, framing: str, timing: Timing, clock: Clock, seconds: float, folder: Path) -> float:
     """Rate of a worker that polls as fast as it can, every exchange and reading written to a run's files [1/s].
 
@@ -152,7 +162,7 @@ def whole(port: Port, framing: str, timing: Timing, clock: Clock, seconds: float
         clock=ClockRecord(rate=1.0, utc_start_ns=clock.utc_start_ns),
     )
     writer = RunWriter.create(folder, start)
-    recorder = Recorder(writer, lambda exchange: exchange, Channels())
+    recorder = Recorder(writer, AsItIs(), Channels())
     recorder.start()
     worker = Worker(
         Line("bus", port, clock, timing), {"gauge": (Gauge(framing), 1e-6)}, recorder.put, recorder.note, clock

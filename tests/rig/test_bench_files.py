@@ -139,6 +139,18 @@ def test_a_regulator_has_to_take_the_order_for_no_pressure(tmp_path, unit, lowes
         assert read(tmp_path, "[roles]", device).file.roles.regulator == "regulator"
 
 
+def test_a_person_reads_no_instrument_of_a_bench_whose_regulator_makes_the_run(tmp_path):
+    keys = '[lines.keys]\nkind = "keyboard"\n[devices.glass]\ninstrument = "manual_bench"\nline = "keys"\n'
+    regulator = 'instrument = "adam_4024_regulator"\nline = "bus"\nunit_id = 2\nchannel = 0\nspan = [0.0, 5.0]\n'
+    flow, glass = '[roles]\npressure = "gauge.pressure_bar_abs"\nflow = "meter.flow_sl_min"', "glass.flow_l_min"
+    roles = flow.replace("meter.flow_sl_min", glass)
+    assert read(tmp_path, flow, f"{keys}{roles}").file.roles.flow == glass
+    with pytest.raises(
+        ConfigError, match=r"roles\.flow: a person reads 'glass\.flow_l_min', and nobody is asked while"
+    ):
+        read(tmp_path, flow, f'{keys}[devices.regulator]\n{regulator}{roles}\nregulator = "regulator"')
+
+
 @pytest.mark.parametrize("name", ["lab", "virtual"])  # the tachometer of the other speaks unasked
 def test_on_a_shipped_bench_one_lost_answer_ends_no_run(name):
     bench = read_bench(configs.FOLDER / "benches" / f"{name}.toml")

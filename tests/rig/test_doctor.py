@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from rig.acquisition.opening import port_of
-from rig.bench.bench import read_bench
+from rig.bench.bench import BENCH_SOURCE, INSTRUMENTS, bench_of, instrument_source, read_bench
 from rig.doctor import Finding, Level, examine, table
 from rig.doctor.host import Host
 from tests.instrument_peers import Peer
@@ -65,6 +65,13 @@ def host(tmp_path):
     return Host(root / "proc", root / "sys", root / "dev")
 
 
+def bench_at(path):
+    """A bench that is examined only: no run could be made with it, for a person reads its tachometer."""
+    files = [file for folder in (INSTRUMENTS, path.parent) for file in folder.glob("*.toml")]
+    sources = {instrument_source(file.stem): file.read_bytes() for file in files}
+    return bench_of(path.stem, sources | {BENCH_SOURCE: path.read_bytes()}, str(path))
+
+
 @pytest.fixture
 def bench_on(tmp_path):
     """A bench file with these keys."""
@@ -72,7 +79,7 @@ def bench_on(tmp_path):
     def make(port, baud=19200, timeout_s=0.15, gauge=1, period_s=0.2):
         path = tmp_path / "bench.toml"
         path.write_text(BENCH.format(port=port, baud=baud, timeout_s=timeout_s, gauge=gauge, period_s=period_s))
-        return read_bench(path)
+        return bench_at(path)
 
     return make
 
@@ -306,7 +313,7 @@ def test_an_address_that_takes_no_connection_is_told(tmp_path, host):
     text = BENCH.format(port="-", baud=9600, timeout_s=0.2, gauge=1, period_s=0.2)
     text = text.replace('kind = "serial"\nport = "-"', f'kind = "tcp"\nhost = "127.0.0.1"\ntcp_port = {free}')
     (tmp_path / "bench.toml").write_text(text)
-    findings = examine(read_bench(tmp_path / "bench.toml"), host=host)
+    findings = examine(bench_at(tmp_path / "bench.toml"), host=host)
     assert f"127.0.0.1:{free} does not take a connection" in only(findings, "line bus", Level.FAULT).what
 
 
@@ -333,7 +340,7 @@ def test_a_web_server_at_the_port_of_an_instrument_is_called_one(tmp_path, host,
                 kept.append(connection)
 
         threading.Thread(target=serve, daemon=True).start()
-        found = [one for one in examine(read_bench(tmp_path / "bench.toml"), host=host) if one.level is Level.FAULT]
+        found = [one for one in examine(bench_at(tmp_path / "bench.toml"), host=host) if one.level is Level.FAULT]
         server.shutdown(socket.SHUT_RDWR)
     assert found
     for one in found:
@@ -367,7 +374,7 @@ def test_a_serial_bus_behind_a_converter_wants_the_other_framing(tmp_path, host,
     text = BENCH.format(port="-", baud=9600, timeout_s=0.2, gauge=1, period_s=0.2)
     tcp = f'kind = "tcp"\nhost = "127.0.0.1"\ntcp_port = {converter}\n{framing}'
     (tmp_path / "bench.toml").write_text(text.replace('kind = "serial"\nport = "-"\n', tcp))
-    findings = examine(read_bench(tmp_path / "bench.toml"), host=host, polls=2)
+    findings = examine(bench_at(tmp_path / "bench.toml"), host=host, polls=2)
     if framing:
         assert of(findings, "gauge", Level.OK)
     else:
@@ -455,7 +462,7 @@ def examined_words(bench_on, tmp_path, host, device, ports=None):
     path = tmp_path / "bench.toml"
     path.write_text(path.read_text().replace("[roles]", TACH.format(port=device.path) + "[roles]"))
     try:
-        return only(examine(read_bench(path), ports, host=host, polls=2), "tach", Level.FAULT)
+        return only(examine(bench_at(path), ports, host=host, polls=2), "tach", Level.FAULT)
     finally:
         device.end()
 
@@ -524,7 +531,7 @@ def test_a_silent_unit_that_no_serial_bus_could_have_is_told_as_silent(tmp_path,
         text = BENCH.format(port="-", baud=9600, timeout_s=0.05, gauge=unit, period_s=0.2)
         tcp = f'kind = "tcp"\nhost = "127.0.0.1"\ntcp_port = {server.getsockname()[1]}\n'
         (tmp_path / "bench.toml").write_text(text.replace('kind = "serial"\nport = "-"\n', tcp))
-        findings = examine(read_bench(tmp_path / "bench.toml"), host=host, polls=2)
+        findings = examine(bench_at(tmp_path / "bench.toml"), host=host, polls=2)
     assert "nobody answers" in only(findings, "gauge", Level.FAULT).what
 
 
@@ -539,6 +546,6 @@ def test_a_number_that_often_means_no_value_is_told_with_the_key(bench_on, tmp_p
         bench_on(device.path)
         meter = '[devices.meter]\ninstrument = "meter"\nline = "bus"\nunit_id = 3\n'
         path.write_text(path.read_text().replace("[roles]", meter + "[roles]"))
-        warning = only(examine(read_bench(path), host=host, polls=2), "meter", Level.WARNING)
+        warning = only(examine(bench_at(path), host=host, polls=2), "meter", Level.WARNING)
     assert f"flow_l_min came as {raw}, which many devices send where they have no value" in warning.what
     assert f"write invalid = [{raw}] at channels.flow_l_min" in warning.fix

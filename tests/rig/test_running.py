@@ -502,6 +502,29 @@ def test_a_sweep_by_hand_is_walked_through_at_a_terminal(by_hand, tmp_path):
     assert set(found.samples["quality"]) == {"manual"}
 
 
+def test_a_room_that_is_put_right_is_that_of_the_limits_from_then_on(tmp_path):
+    text = (FOLDER / "manual.toml").read_text().replace("manual_bench", "manual_bench_gauge", 1)
+    text = text.replace("person.pressure_bar_abs", "person.pressure_bar_gauge")
+    text = text.replace("highest_pressure_bar_abs = 3.0", "highest_pressure_bar_abs = 1.45")
+    (tmp_path / "hand.toml").write_text(re.sub(r"(?m)^levels_bar_abs = .*$", "levels_bar_abs = [1.15]", text))
+    entry = "separated by spaces: "
+    right = [("Ambient pressure", "1013"), ("Room temp", ""), ("humidity", ""), ("Minutes", ""), ("Lubrication", "")]
+    script = [
+        (entry, "0 <10 0"),
+        ("set 1.150", "room"),
+        *right,
+        (entry, "0.45 22 78"),
+        ("beyond the bench's limit", "0.45 22 78"),
+        ("*** pressure 1.463 bar abs", ""),
+        ("closed, and the line vented?", "y"),
+    ]
+    room = ["0.95" if word == "1.013" else word for word in ROOM]
+    arguments = ["sweep", tmp_path / "hand.toml", "--no-page", "--logs", tmp_path / "logs", *room, *DAY]
+    screen, code = at_terminal(arguments, script)
+    assert code == 4, screen
+    assert read_run(only_run(tmp_path / "logs")).end.outcome == "aborted"
+
+
 def test_a_sweep_by_hand_that_is_stopped_counts_as_unvented_until_the_person_says_otherwise(by_hand, tmp_path):
     script = [("separated by spaces: ", "1.01 <10 0"), ("set 1.240", signal.SIGINT), ("line vented?", signal.SIGINT)]
     screen, code = at_terminal(["sweep", by_hand, "--no-page", "--logs", tmp_path / "logs", *ROOM, *DAY], script)

@@ -32,14 +32,15 @@ line = "bus"
 unit_id = 2
 channel = 0
 span = [0.0, 5.0]
-[lines.person]
-kind = "keyboard"
-[devices.hand]
-instrument = "manual_bench"
-line = "person"
+[lines.other]
+kind = "serial"
+port = "/dev/ttyUSB7"
+[devices.tach]
+instrument = "monarch_act3x"
+line = "other"
 [roles]
 pressure = "gauge.pressure_bar_abs"
-speed = "hand.speed_rpm"
+speed = "tach.speed_rpm"
 regulator = "regulator"
 [safety]
 {safety}

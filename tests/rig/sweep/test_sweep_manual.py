@@ -29,6 +29,7 @@ from rig.plateaus.plan import Step
 from rig.plateaus.plateau import Mean, Plateau
 from rig.readings import Quality
 from rig.replay.player import Player
+from rig.replay.replaying import replay
 from rig.runlog import RunWriter, read_run, start_record
 from rig.runlog.start import Circumstances
 from rig.sweep.ambient import Given, at_start
@@ -376,6 +377,27 @@ def test_a_typed_speed_beyond_the_limit_closes_the_run(tmp_path):
     assert session.outcome.vented
 
 
+@pytest.mark.parametrize("typed", [None, ""])
+def test_a_polled_speed_beyond_the_limit_closes_the_run_while_a_prompt_is_open_and_while_it_counts_down(
+    tmp_path, typed
+):
+    polled = []
+    session = Session(tmp_path, bench_of(dwell_s=60.0), trip=lambda *asked: next(iter(polled), None))
+    with session as terminal:
+        begin(terminal)
+        terminal.expect(r"set 1\.600")
+        terminal.expect(ENTRY)
+        if typed is not None:
+            terminal.type(typed)
+            terminal.expect("wait: 60 s")
+        polled.append("speed 632 rpm (tach.speed_rpm), limit 600 rpm")
+        terminal.expect(r"\n\*\*\* speed 632 rpm")
+        terminal.expect(CLOSED)
+        terminal.type("")
+    assert (session.outcome.outcome, session.outcome.stopped_by) == ("aborted", "interlock")
+    assert session.outcome.vented
+
+
 def expected_to_the_point(bar_abs, plateaus):
     speed = operating_points(MOTOR, [bar_abs * 1e5])[0].speed_rpm
     return 0.95 * speed, 1.05 * speed
@@ -510,6 +532,53 @@ def test_what_was_said_of_the_room_is_put_right_at_any_prompt(session):
     assert session.read().start.ambient.pressure_bar_abs == 1.01325  # what was said first stays
 
 
+ROOM_QUESTIONS = ("Ambient pressure", "Room temperature", "Relative humidity", "Minutes that the motor", "Lubrication")
+
+
+def put_right(terminal, *answers):
+    """Type what is right of the room at an open prompt."""
+    terminal.type("room")
+    for question, text in zip(ROOM_QUESTIONS, answers, strict=True):
+        terminal.expect(question)
+        terminal.type(text)
+
+
+def test_a_room_that_is_put_right_holds_for_the_flow_from_then_on_in_a_replay_too_and_its_oil_is_exported(tmp_path):
+    bench = dial_in_kpa(tmp_path)
+    mine = (tmp_path / "manual_bench.toml").read_text()
+    scale = 'reference = { kind = "rotameter_scale", pressure_bar_abs = 1.01325, temperature_c = 20.0 }\n'
+    (tmp_path / "manual_bench.toml").write_text(
+        mine.replace("[channels.flow_l_min]", f"[channels.flow_l_min]\n{scale}")
+    )
+    bench = read_bench(tmp_path / "kpa.toml")
+    session = Session(tmp_path, bench_of((1.6, 1.7), bench))
+    session.conversation.room = session.ambient
+    with session as terminal:
+        terminal.expect(ENTRY)
+        terminal.type("0 <10 0")
+        for level, shown in ((1.6, "60"), (1.7, "70")):
+            terminal.expect(rf"set {level:.3f}")
+            terminal.expect(ENTRY)
+            if level == 1.7:
+                put_right(terminal, "900", "0", "", "", "oil today")
+                terminal.expect(ENTRY)
+            terminal.type(f"{shown} 50 250")
+            terminal.expect(AFTER)
+            terminal.type("")
+        terminal.expect(CLOSED)
+        terminal.type("")
+        terminal.expect(ENTRY)
+        terminal.type("0 <10 0")
+    run = session.read()
+    flows = [plateau.means["flow_l_min"].mean for plateau in run.plateaus]
+    at = lambda bar, celsius: 50.0 * (1.01325 / bar * (celsius + 273.15) / 293.15) ** 0.5  # noqa: E731
+    assert flows == pytest.approx([at(1.61325, 20.0), at(1.6, 0.0)], rel=1e-6)
+    assert replay(run).same
+    exported = recording_of(run)
+    assert exported.recording.origin["oil"] == "oil today"
+    assert [note for note in exported.notes if "what was told of the room by then" in note]
+
+
 def test_the_guard_is_asked_before_each_level_is_prompted(tmp_path):
     def predict(level, plateaus):
         return Verdict(level < 1.7, "99 % below 640 rpm", 1.6e5)
@@ -535,6 +604,26 @@ def test_skip_leaves_a_level_and_a_zero_out(session):
         finish(terminal)
     assert [plateau.step.level_bar_abs for plateau in session.outcome.plateaus] == [1.8]
     assert [zero["which"] for zero in session.events("zero")] == ["end"]
+
+
+def test_skip_of_a_level_that_the_guard_puts_in_leaves_out_the_one_that_needs_it(tmp_path):
+    def predict(level, plateaus):
+        highest = 1.5 if plateaus else 1.3
+        return Verdict(level <= highest, "not known well enough", highest * 1e5)
+
+    session = Session(tmp_path, bench_of((1.4, 1.5)), predict=predict)
+    with session as terminal:
+        begin(terminal)
+        terminal.expect(r"measuring 1\.3 bar abs first")
+        terminal.expect(ENTRY)
+        terminal.type("skip")
+        terminal.expect(r"1\.4 bar abs is left out")
+        terminal.expect(r"measuring 1\.3 bar abs first")
+        take(terminal, 1.3)
+        take(terminal, 1.5)
+        finish(terminal)
+    assert [plateau.step.level_bar_abs for plateau in session.outcome.plateaus] == [1.3, 1.5]
+    assert [step.level_bar_abs for step in session.outcome.left_out] == [1.4]
 
 
 def test_a_level_that_was_overshot_is_told(session):

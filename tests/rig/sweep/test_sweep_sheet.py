@@ -4,6 +4,7 @@ import html.parser
 
 import pytest
 
+from configs import FOLDER
 from rig.bench.bench import read_bench
 from rig.by_hand.sheet import print_page, print_sheet, sheet_columns
 from rig.by_hand.sheet_entry import SheetError, enter_sheet, read_sheet
@@ -252,3 +253,76 @@ def test_a_pressure_within_the_gauge_s_bias_of_the_room_is_entered_where_it_was_
     low = "14:17,1.05,down,0.99,<10,12.0,,"
     assert "--as-read" in enter(*PLATEAUS, low).stderr
     assert enter(*PLATEAUS, low, options=["--as-read"]).returncode == 0
+
+
+def test_a_zero_is_its_row_alone_where_plateaus_are_written_in_the_same_minute(enter, tmp_path):
+    zero = PLATEAUS[0][:6] + "zero,,1.01,<10,0,,"
+    last = PLATEAUS[2][:6] + "zero,,1.02,<10,0,,"
+    told = enter(zero, *PLATEAUS, last)
+    assert told.returncode == 0, told.stderr
+    files = {file.kind: file for file in recording_of(read_run(tmp_path / told.stdout.strip())).recording.files}
+    zeros = files["zero"].columns
+    assert zeros["pressure_bar_abs"].values.tolist() == [1.01, 1.02]
+    assert zeros["speed_rpm"].values.tolist() == [0.0, 0.0]
+    assert files["steady"].columns["time_s"].values == pytest.approx([0.0, 240.0, 480.0], abs=0.01)
+
+
+def beside(folder, typed, read):
+    """The manual bench in a folder of its own, one of whose quantities an instrument on a cable reads."""
+    instrument, channel = read
+    text = (FOLDER / "instruments" / "manual_bench.toml").read_text()
+    head, *channels = text.split("[channels.")
+    columns = [name for name in ("pressure_bar_abs", "flow_l_min", "speed_rpm") if name != typed]
+    head = head.replace('"pressure_bar_abs", "flow_l_min", "speed_rpm"', ", ".join(f'"{name}"' for name in columns))
+    kept = [f"[channels.{table}" for table in channels if not table.startswith(typed)]
+    (folder / "two_dials.toml").write_text(head + "".join(kept))
+    text = (FOLDER / "benches" / "manual.toml").read_text().replace('"manual_bench"', '"two_dials.toml"')
+    text = text.replace(f"person.{typed}", f"cable.{channel}").replace(
+        "[roles]",
+        f'[lines.bus]\nkind = "serial"\nport = "/dev/ttyUSB0"\n[devices.cable]\ninstrument = "{instrument}"\n'
+        f'line = "bus"\nunit_id = 1\n[roles]',
+    )
+    (folder / "bench.toml").write_text(text)
+
+
+@pytest.mark.parametrize("options", [["-o", "out.csv"], ["-o", "out.html"], ["--enter", "sheet.csv"]])
+def test_there_is_no_sheet_of_a_bench_whose_gauge_nobody_reads(spinbench_here, tmp_path, options):
+    beside(tmp_path, "pressure_bar_abs", ("keller_30x_abs", "pressure_bar_abs"))
+    (tmp_path / "sheet.csv").write_text(
+        "time,level_bar_abs,direction,flow_l_min,speed_rpm,pressure_bar_abs_after,note\n"
+    )
+    told = spinbench_here("sheet", "bench.toml", *options, *ROOM, cwd=tmp_path)
+    assert told.returncode == 2
+    assert "roles.pressure is 'cable.pressure_bar_abs', which nobody reads" in told.stderr
+    assert not list(tmp_path.glob("out.*"))
+
+
+def test_a_sheet_of_a_bench_whose_tachometer_reads_itself_has_no_speed(spinbench_here, tmp_path):
+    beside(tmp_path, "speed_rpm", ("monarch_act3x", "speed_rpm"))
+    (tmp_path / "sheet.csv").write_text(f"{HEADER.replace('speed_rpm,', '')}14:05,1.6,up,1.60,44,1.62,\n")
+    told = spinbench_here("sheet", "bench.toml", "--enter", "sheet.csv", *ROOM, cwd=tmp_path)
+    assert told.returncode == 0, told.stderr
+    (plateau,) = read_run(tmp_path / told.stdout.strip()).plateaus
+    assert sorted(plateau.means) == ["flow_l_min", "pressure_bar_abs"]
+
+
+def test_hours_and_minutes_with_a_point_between_are_no_seconds(bench):
+    points = f"{HEADER}14.05,1.6,up,1.6,44,232,,\n14.09,1.7,up,1.7,51,272,,\n"
+    with pytest.raises(SheetError, match=r"^time: '14\.05' may be .* write 14:05, or whole seconds"):
+        read_sheet(points, bench)
+    with pytest.raises(SheetError, match="write 14:05, or whole seconds"):
+        read_sheet(points.replace(",", ";").replace(".", ","), bench)
+    assert [row.time_s for row in read_sheet(points.replace("14.05", "14"), bench)] == pytest.approx([0.0, 0.09])
+
+
+def test_the_page_has_gauge_values_for_the_room_that_is_given_and_says_which_it_took(bench, spinbench_here, tmp_path):
+    low = ["--ambient-pressure-bar-abs", "0.90"]
+    told = spinbench_here("sheet", "manual", "-o", "low.html", *low, cwd=tmp_path)
+    assert told.returncode == 0, told.stderr
+    page = (tmp_path / "low.html").read_text()
+    assert "1.60 <small>(0.70 gauge)</small>" in page
+    assert "with 0.9 bar abs in the room" in page
+    assert "with 1.01325 bar abs in the room" in print_page(bench)
+    wrong = spinbench_here("sheet", "manual", "-o", "high.html", low[0], "900", cwd=tmp_path)
+    assert wrong.returncode == 2
+    assert "900 mbar is 0.9 bar" in wrong.stderr
