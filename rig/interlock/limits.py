@@ -118,5 +118,5 @@ class Limits:
 
 
 def _is_above(reading: Reading) -> bool:
-    """Whether it is off the top of its instrument's scale, as far as is told."""
-    return reading.quality is Quality.OVER_RANGE and reading.censored >= 0
+    """Whether it is off the top of its instrument's scale, as far as is told. A person may have typed that."""
+    return reading.censored > 0 or (reading.quality is Quality.OVER_RANGE and reading.censored == 0)

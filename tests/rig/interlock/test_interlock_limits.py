@@ -6,6 +6,8 @@ import math
 import pytest
 
 from rig.bench.bench import RolesTable, SafetyTable
+from rig.bench.instrument import ChannelFile
+from rig.instruments.manual import decode_entry
 from rig.interlock.limits import Limits
 from rig.readings import NS, Quality, Reading
 
@@ -105,6 +107,16 @@ def test_a_runaway_from_rest_trips_at_its_first_edge_beyond_the_limit():
 def test_a_speed_that_a_person_typed_trips_however_fast_it_came():
     manual = [speed(value, at, quality=Quality.MANUAL) for value, at in ((300.0, 0.0), (900.0, 0.001))]
     assert "limit 600 rpm" in looks(Limits(SAFETY, ROLES), *manual)[1]
+
+
+@pytest.mark.parametrize("typed", [">500", ">600"])
+def test_a_reading_that_a_person_typed_as_off_the_scale_trips(typed):
+    ends = float(typed[1:])
+    channels = {"pressure_bar_abs": ChannelFile(unit="bar"), "speed_rpm": ChannelFile(unit="rpm", highest=ends)}
+    value = decode_entry(f"2.0 {typed}", channels)["speed_rpm"]
+    view = View(speed(value.value, quality=value.quality, censored=value.censored), pressure(2.0))
+    said = Limits(SAFETY, ROLES).trip(view, 0, True)
+    assert said == f"speed beyond the scale of tach.speed_rpm: {ends:g} rpm or more, limit 600 rpm"
 
 
 def test_a_speed_that_nothing_verified_trips_too():
