@@ -43,8 +43,6 @@ FACES: dict[str, tuple[str, str, Mapping[str, float]]] = {
     "_rpm": ("rpm", "", IN_RPM),
     "_c": ("degC", "", {"degC": 1.0}),
 }
-# Other ways to write a unit, in small letters and without spaces.
-_ALSO = {"sccm": "mL/min", "scfm": "cfm", "rps": "rev/s", "hz": "rev/s", "psig": "psi", "psia": "psi"}
 
 # By the end of a name: its unit, the least that is meant, and other units that it is often given in, each with the
 # factor from it and what is added.
@@ -71,24 +69,3 @@ def as_in_another_unit(name: str, value: float, high: float) -> str:
 def end_of(name: str) -> str:
     """The end of a channel's name that says its unit; empty where there is none."""
     return next((end for end in FACES if name.endswith(end)), "")
-
-
-def not_of_the_name(name: str, unit: str) -> str:
-    """Why a unit is not that of a channel's name, and what to do; or nothing.
-
-    Only units that are known to be others are told: `L/min` has many ways of being written.
-    """
-    end = end_of(name) or ("_l_min" if name.endswith("l_min") else "")  # standard litres too
-    if not end:
-        return ""
-    own, _, known = FACES[end]
-    plain = unit.casefold().replace(" ", "").removesuffix("abs").removesuffix("gauge")
-    if end == "_c":
-        is_other = plain in ("k", "kelvin", "f", "degf", "°f")
-        return f"the name says {own}: scale the numbers, with an offset, and write {own} here" if is_other else ""
-    spellings = {one.casefold(): one for one in known} | _ALSO
-    found = next((spellings[one] for one in (plain, plain[1:]) if one in spellings), "")
-    factor = known.get(found, 1.0)
-    if factor == 1.0:
-        return ""
-    return f"the name says {own}, and 1 {found} is {factor:.6g} {own}: scale the numbers, and write {own} here"

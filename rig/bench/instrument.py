@@ -15,10 +15,10 @@ import pydantic
 
 import configs
 from configs import ConfigError, Strict
-from configs.units import not_of_the_name
 from rig.lines import Line
 from rig.readings import Reading
 from rig.recording.schema import OF_SPEED, SpeedKeys
+from rig.recording.units import not_of_the_name
 
 FOLDER = configs.FOLDER / "instruments"
 SPEED = "speed_rpm"

@@ -6,10 +6,12 @@ have reached since the reading before waits for the next reading: a rotor that r
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Protocol
 
 from configs.units import STANDARD_BAR
 from rig.bench.bench import RolesTable, SafetyTable
+from rig.instruments.codecs.values import OTHER_WAY
 from rig.readings import NS, Quality, Reading
 
 # On a clock faster than the wall's, a virtual bench on a busy machine, no signal is called lost sooner than this.
@@ -50,8 +52,11 @@ class Limits:
             self._heard_ns = dict.fromkeys((self.roles.speed, self.roles.pressure), now_ns)
         self._pressurised = pressurised
         fast, high = self.safety.highest_speed_rpm, self.safety.highest_pressure_bar_abs
+        too_fast = self._any_beyond(view, speed, self.roles.speed, ("speed", fast, "rpm", 0.0))
+        if too_fast and speed is not None and (speed.value or 0.0) < 0.0:
+            too_fast += f"; it reads {speed.value:g} rpm: {OTHER_WAY}"
         return (
-            self._any_beyond(view, speed, self.roles.speed, ("speed", fast, "rpm", 0.0))
+            too_fast
             or self._any_beyond(
                 view, pressure, self.roles.pressure, ("pressure", high, "bar abs", self._zero(pressure))
             )
@@ -72,7 +77,7 @@ class Limits:
         self._looked_ns[channel] = newest.reply_ns
         readings = [newest] if looked_ns is None else view.since(channel, looked_ns)
         if channel == self.roles.speed:
-            readings = [reading for reading in readings if self._possible(reading)]
+            readings = [one for one in map(_without_direction, readings) if self._possible(one)]
         return next(filter(None, (self._beyond(reading, *limit) for reading in readings)), None)
 
     def _possible(self, reading: Reading) -> bool:
@@ -111,12 +116,20 @@ class Limits:
         if silence_s <= self.longest_silence_s:
             return None
         last = "nothing was ever read" if reading is None else f"the last reading is '{reading.quality}'"
+        last += f": {reading.detail}" if reading is not None and reading.detail else ""
         return (
             f"{what} signal lost: no usable reading of {channel} for {silence_s:.2f} s under pressure, limit "
             f"{self.longest_silence_s:g} s; {last}"
         )
 
 
+def _without_direction(speed: Reading) -> Reading:
+    """A speed as its magnitude: a tachometer that shows the direction counts below zero the other way."""
+    if speed.value is None or speed.value >= 0.0:
+        return speed
+    return dataclasses.replace(speed, value=-speed.value, censored=-speed.censored)
+
+
 def _is_above(reading: Reading) -> bool:
-    """Whether it is off the top of its instrument's scale, as far as is told."""
-    return reading.quality is Quality.OVER_RANGE and reading.censored >= 0
+    """Whether it is off the top of its instrument's scale, as far as is told. A person may have typed that."""
+    return reading.censored > 0 or (reading.quality is Quality.OVER_RANGE and reading.censored == 0)

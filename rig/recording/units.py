@@ -80,7 +80,7 @@ QUANTITIES_OF = {  # that a column may come in
 # How others write a unit.
 _SAME = {
     "L/min": ("lpm", "l min", "liter/min", "liters/min", "litre/min", "litres/min", "l/minute"),
-    "sL/min": ("slpm", "std l/min", "sl/min", "standard l/min"),
+    "sL/min": ("slpm", "slm", "std l/min", "sl/min", "standard l/min"),
     "NL/min": ("ln/min", "nlpm", "norm l/min"),
     "m3/h": ("m^3/h", "cbm/h"),
     "mL/min": ("milliliter/min", "millilitre/min"),
@@ -110,6 +110,14 @@ _GAUGE = ("gauge", "(gauge)", "g", "(g)", "rel", "(rel)", "ü", "relative")
 PRESSURE_UNITS = {name.removesuffix(" abs") for name in UNITS if name.endswith(" abs")}
 
 
+# By the end of a channel's name: what its unit is called.
+_OF_NAMES = {
+    "bar_abs": ("bar", "bar abs"),
+    "bar_gauge": ("bar", "bar gauge"),
+    "l_min": ("L/min", "sL/min", "NL/min"),
+    "_rpm": ("rpm",),
+    "_c": ("degC",),
+}
 _RAISED = str.maketrans("¹²³⁻−–", "123---")
 
 
@@ -136,6 +144,26 @@ def unit_called(text: str) -> str:
     """The unit that a text is, as the import knows it or a pressure's without abs or gauge; empty for none."""
     compact = _compact(text.strip().strip("[]"))
     return _EXACT.get(compact) or _FOLDED.get(compact.casefold(), "")
+
+
+def not_of_the_name(name: str, unit: str) -> str:
+    """Why a unit is not that of a channel's name, and what to do; or nothing.
+
+    `name`: with its unit at the end, such as ``pressure_bar_abs``; with another end every unit will do.
+    """
+    own = next((own for end, own in _OF_NAMES.items() if name.endswith(end)), ())
+    called = unit_called(unit)
+    if not own or called in own:
+        return ""
+    above = called.rpartition(" ")[2]
+    if above in ("abs", "gauge") and not own[-1].endswith(above):
+        return f"the name says {own[-1]}: give the channel the name of what the instrument shows"
+    other = UNITS.get(called) or UNITS.get(f"{called} {own[-1].rpartition(' ')[2]}")
+    write = f"scale the numbers{'' if other else ', if they are in another unit'}, and write {own[0]} here"
+    if other is None or other.quantity not in {UNITS[one].quantity for one in own if one in UNITS} or other.offset:
+        return f"the name says {own[0]}: {write}"
+    plain = called.removesuffix(" abs").removesuffix(" gauge")
+    return f"the name says {own[0]}, and 1 {plain} is {other.factor:.6g} {own[0]}: {write}"
 
 
 def unit_in_a_name(text: str, quantities: Container[str]) -> Unit | None:

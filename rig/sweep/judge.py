@@ -84,7 +84,7 @@ def not_read(view: View, start_ns: int, end_ns: int) -> str:
 def not_turning(view: View, start_ns: int, end_ns: int) -> str:
     """That no reading of the speed between two times shows the rotor turning; empty when one does."""
     read = view.window("speed", start_ns, end_ns)
-    if np.any((np.abs(read.value) >= AT_REST_RPM) & (read.censored >= 0)):
+    if np.any((np.abs(read.value) >= AT_REST_RPM) & (read.censored * read.value >= 0.0)):
         return ""
     reading = view.last("speed")
     name = "" if reading is None else f" ({reading.name})"
@@ -166,4 +166,4 @@ def _is_within(view: View, ambient_bar: float, most_bar: float) -> bool:
 
 
 def _stands(speed: Reading) -> bool:
-    return speed.value is not None and (abs(speed.value) < AT_REST_RPM or speed.censored < 0)
+    return speed.value is not None and (abs(speed.value) < AT_REST_RPM or speed.censored < 0.0 <= speed.value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import threading
 import time
@@ -149,12 +148,13 @@ class Desk:
         """STOP, for every run that is being written here."""
         by = by[:NAME] or "a window"
         self.queue.hold(f"STOP was pressed by {by}.")
+        is_starting = self.sweeps.starting  # asked first: a run that begins between the two is told as well
         runs = stopping.being_written(self.logs)
         self._followers.clear()
         self._stops = [Stopping.of(run, by) for run in runs]
         if runs:
             self._told = None
-        elif self.sweeps.starting and not self.sweeps.stop():
+        elif is_starting and not self.sweeps.stop():
             by_hand = self.bench.file.roles.regulator is None
             valve = f"A person has the valve. {CLOSE_SUPPLY}" if by_hand else "The regulator has not been raised."
             text = f"The run that was being started is told to end. {valve}"
@@ -216,7 +216,7 @@ class Desk:
             "windows": len(self.windows),
             "controller": None if controller is None else controller["name"],
             "queue": self.queue.told(),
-            "entries": self._asked(),
+            "entries": self.sweeps.asked(),
             "controls": controller is not None and controller["window"] == window,
             "controller_is_there": controller is not None and controller["window"] in self.windows,
             "stop": self.stop_told(),
@@ -228,16 +228,6 @@ class Desk:
             "latest": self.showing.tail.folder.name if self.showing is not None else None,
             "latest_state": self.showing.tail.state if self.showing is not None else "",
         }
-
-    def _asked(self) -> dict[str, Any] | None:
-        """What a run by hand asks now; None where none does, and where it was sealed after the last answer."""
-        entries, showing = self.sweeps.entries, self.showing
-        told = None if entries is None else entries.told()
-        if told is not None and showing is not None and showing.tail.end is not None and entries is not None:
-            with contextlib.suppress(OSError):
-                sealed_s = (showing.tail.folder / END).stat().st_mtime
-                return None if sealed_s > entries.pipe.stat().st_mtime else told
-        return told
 
     def runs(self) -> list[dict[str, Any]]:
         """The runs in the logs folder, newest first, with their reports."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rig.runlog import RunError, StartRecord
+from rig.runlog import RunError
 from rig.runlog.folder import END, START, is_locked, writer_of
 from rig.runlog.listing import age_of
 from rig.runlog.reader import read_start
@@ -24,21 +24,20 @@ from spinbench.console.words import CLOSE_SUPPLY, is_imported
 CONFIRMED_WITHIN_S = 5.0  # of the wall; then NOT DELIVERED is shown, and put right if the order comes later
 MEASURED = ("sweep", "coast-down", "spin-up", "zero", "plateaus", "manual")  # kinds that have a bench
 ENDING = ("vent", "aborted", "failed", "done")  # states: in a capture zero is ordered too, and the run goes on
-LATEST_RUNS = 50  # that are looked at
 _age_of = functools.cache(age_of)  # they are looked for twice a second
 
 
 def being_written(logs: Path) -> list[Path]:
     """The runs on a bench that a program writes now, oldest first."""
-    open_ones = [one for one in newest_first(logs)[:LATEST_RUNS] if not (one / END).exists() and is_locked(one)]
-    return [one for one in reversed(open_ones) if _is_of_a_bench(read_start(one))]
+    open_ones = [one for one in newest_first(logs) if not (one / END).exists() and is_locked(one)]
+    return [one for one in reversed(open_ones) if _is_of_a_bench(one)]
 
 
 def runs_of_benches(logs: Path) -> Iterator[Path]:
-    """The latest runs that were taken on a bench, newest first: no imports. One that cannot be read counts."""
-    for one in newest_first(logs)[:LATEST_RUNS]:
+    """The runs that were taken on a bench, newest first: no imports. One that cannot be read counts."""
+    for one in newest_first(logs):
         try:
-            is_of_a_bench = _is_of_a_bench(read_start(one))
+            is_of_a_bench = _is_of_a_bench(one)
         except RunError:
             is_of_a_bench = True
         if is_of_a_bench:
@@ -53,7 +52,9 @@ def newest_first(logs: Path) -> list[Path]:
     return sorted(found, key=_age_of, reverse=True)
 
 
-def _is_of_a_bench(start: StartRecord) -> bool:
+@functools.cache
+def _is_of_a_bench(folder: Path) -> bool:
+    start = read_start(folder)
     return start.kind in MEASURED and not is_imported(start)
 
 

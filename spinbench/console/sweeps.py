@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 import threading
@@ -17,7 +18,7 @@ from rig.sweep.ambient import ROOM_FIGURES
 from spinbench.console.access import RefusedError
 from spinbench.console.entries import SAID, Entries, typed_into
 from spinbench.console.planned import Planned, bench_words
-from spinbench.console.stopping import ask_to_stop, being_written, runs_of_benches
+from spinbench.console.stopping import ask_to_stop, being_written, newest_first, runs_of_benches
 
 MOST_SAID, MOST_TEXT = 4000, 500
 OPTIONS = (
@@ -92,11 +93,11 @@ class Sweeps:
         with self._lock:
             if self.running or being_written(self.logs):
                 raise RefusedError(409, "a run is going on in this logs folder; wait for its end, or stop it")
-            if self.entries is not None and self.entries.told() is not None:
+            if self.asked() is not None:
                 raise RefusedError(409, "a run by hand waits for its next answer: answer it, or stop it")
             self._process = None  # what the start before said is no longer true of anything
             self._starts += 1
-            self._before, self._run = set(runs_of_benches(self.logs)), None
+            self._before, self._run = set(newest_first(self.logs)), None
             (self.logs / SAID).unlink(missing_ok=True)  # the one before may still write into its own
             with (self.logs / SAID).open("ab") as said, typed_into(self.entries) as typed:
                 self._process = subprocess.Popen(
@@ -106,6 +107,16 @@ class Sweeps:
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
                 )
+
+    def asked(self) -> dict[str, Any] | None:
+        """What a run by hand asks now; None where none does, and where it was sealed after the last answer."""
+        told = None if self.entries is None else self.entries.told()
+        run = self._run or next(runs_of_benches(self.logs), None)
+        if told is not None and self.entries is not None and run is not None:
+            with contextlib.suppress(OSError):  # it has no end yet
+                sealed_s = (run / END).stat().st_mtime
+                return None if sealed_s > self.entries.pipe.stat().st_mtime else told
+        return told
 
     def stop(self) -> str:
         """Tell the sweep that was started to stop, also before its run is there; why not, empty when it was told."""

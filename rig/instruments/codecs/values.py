@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from rig.bench.instrument import ChannelFile
 from rig.lines import LineError
 from rig.readings import Quality, Reading
+from rig.recording.units import unit_called
 
 MOST_TEXT = 80  # characters of a device's own words that go into a reading
 MOST_REASON = 300
+OTHER_WAY = "the rotor turns the other way for this tachometer; turn its sign, with scale = -1 in the instrument file"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,8 @@ def bounded(value: Value, channel: ChannelFile) -> Value:
         return value
     limit, word, censored = (channel.highest, "above", 1) if number > 0 and not below else (channel.lowest, "below", -1)
     shown = f"{number:g} {channel.unit} is {word} the scale" + ("" if limit is None else f", which ends at {limit:g}")
+    if number < 0.0 and unit_called(channel.unit) == "rpm":
+        shown += f"; {OTHER_WAY}"
     return Value(limit, Quality.OVER_RANGE, value.raw, joined(shown, value.detail), censored)
 
 

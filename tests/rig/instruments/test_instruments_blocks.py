@@ -219,7 +219,8 @@ def test_two_devices_at_one_unit_are_refused_unless_they_say_that_they_are_one(s
 def test_for_a_while_after_a_lost_answer_a_block_as_long_as_another_is_not_verified(count, quality):
     """Its answer is not to be told from that to the other, should that come very late."""
     address = {"pressure_bar_abs": 10, "temperature_c": 20}
-    channels = {name: {"unit": "-", "address": at, "type": "u16"} for name, at in address.items()}
+    units = {"pressure_bar_abs": "bar", "temperature_c": "degC"}
+    channels = {name: {"unit": units[name], "address": at, "type": "u16"} for name, at in address.items()}
     if count == 1:
         channels["temperature_c"]["type"] = "u32"  # another length
     keys = {"format": "instrument/1", "family": "modbus", "title": "t", "source": "s", "trust": "simulated"}

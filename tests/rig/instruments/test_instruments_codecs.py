@@ -758,8 +758,8 @@ def test_no_line_does_more_to_the_entry_codec_than_be_refused(line):
         ("adam_4024_regulator", ("low_counts = ", "low_counts = 10000\n#"), "low_counts lies below high_counts"),
         (
             "alicat_pc_modbus",
-            ("[channels.pressure_bar_abs]", "[channels.speed_rpm]"),
-            "channels.speed_rpm: the names begin",
+            ("[channels.pressure_bar_abs]", "[channels.speed_hz]"),
+            "channels.speed_hz: the names begin",
         ),
         ("alicat_pc_ascii", ('"setpoint"]', '"-"]'), "layout: it holds pressure_bar_abs where"),
         ("alicat_pc_modbus", ('numbering = "from 1"\n', ""), "the key 'numbering' is missing"),
@@ -782,7 +782,7 @@ def test_no_line_does_more_to_the_entry_codec_than_be_refused(line):
         ),
         (
             "keller_30x_abs",
-            ("[channels.temperature_c]", "[channels.pressure_bar_gauge]"),
+            ("[channels.temperature_c]", '[channels.pressure_bar_gauge]\nunit = "bar"\n[channels.temperature_c]'),
             "P1 is either absolute or gauge, not both",
         ),
         (

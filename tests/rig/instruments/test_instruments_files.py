@@ -91,8 +91,9 @@ def test_how_a_speed_is_made_is_said_once_and_of_a_speed(name, new, words):
             "pressure_bar_abs.unit: 'psi', and the name says bar, and 1 psi is 0.0689476 bar",
         ),
         ("keller_30x_abs", '"bar"', '"kPa abs"', "1 kPa is 0.01 bar: scale the numbers, and write bar here"),
-        ("siargo_mf5700", '"L/min"', '"SmL/min"', "1 mL/min is 0.001 L/min"),
-        ("siargo_mf5700", '"L/min"', '"sccm"', "1 mL/min is 0.001 L/min"),
+        ("siargo_mf5700", '"L/min"', '"mL/min"', "1 mL/min is 0.001 L/min"),
+        ("siargo_mf5700", '"L/min"', '"sccm"', "1 sccm is 0.001 L/min"),
+        ("siargo_mf5700", '"L/min"', '"m³/h"', "1 m3/h is 16.6667 L/min"),
         ("monarch_act3x", '"rpm"', '"rps"', "1 rev/s is 60 rpm"),
         ("edge_counter_60", '"rpm"', '"rad/s"', "1 rad/s is 9.5493 rpm"),
         ("keller_30x_abs", '"degC"', '"K"', "the name says degC: scale"),
@@ -107,9 +108,36 @@ def test_a_file_whose_numbers_would_be_read_wrong_is_refused(name, old, new, wor
     assert words in str(refused.value)
 
 
-@pytest.mark.parametrize("unit", ["bar", "bar abs", "bara", "BAR"])
-def test_the_unit_of_the_name_may_be_written_in_any_way(unit):
-    assert changed("keller_30x_abs", '"bar"', f'"{unit}"').channels["pressure_bar_abs"].unit == unit
+@pytest.mark.parametrize(
+    ("name", "own", "others"),
+    [
+        ("keller_30x_abs", "bar", "bar gauge, barg, bar ü, kgf/cm2, mmHg, torr, inHg, psig, kg/h"),
+        ("suto_s418", "bar", "bar abs, bara, inHg, psig"),
+        ("siargo_mf5700", "L/min", "Nm³/h, SCFH, SmL/min, kg/h, g/min, gpm, rpm"),
+        ("monarch_act3x", "rpm", "1/s, s-1, r/s, Hz, L/min"),
+        ("keller_30x_abs", "degC", "F, °F, kelvin"),
+    ],
+)
+def test_another_unit_than_that_of_the_name_is_refused(name, own, others):
+    """Known or not: its numbers would be taken for those of the name."""
+    for unit in others.split(", "):
+        with pytest.raises(ConfigError, match=f"the name says {own}"):
+            changed(name, f'"{own}"', f'"{unit}"')
+
+
+@pytest.mark.parametrize(
+    ("name", "own", "ways"),
+    [
+        ("keller_30x_abs", "bar", "bar, bar abs, bar(a), bara, BAR"),
+        ("siargo_mf5700", "L/min", "l/min, SL/min, NL/min, slpm, SLM, lpm"),
+        ("monarch_act3x", "rpm", "RPM, 1/min, min⁻¹, U/min, r/min"),
+        ("keller_30x_abs", "degC", "°C, deg C"),
+    ],
+)
+def test_the_unit_of_the_name_may_be_written_in_any_way(name, own, ways):
+    for unit in ways.split(", "):
+        read = changed(name, f'"{own}"', f'"{unit}"').channels.values()
+        assert unit in [channel.unit for channel in read]
 
 
 @pytest.mark.parametrize("name", NAMES)

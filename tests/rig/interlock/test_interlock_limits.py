@@ -1,11 +1,16 @@
 """The trip rules, on readings as the acquisition gives them."""
 
+import dataclasses
 import itertools
 import math
+import re
 
 import pytest
 
 from rig.bench.bench import RolesTable, SafetyTable
+from rig.bench.instrument import ChannelFile
+from rig.instruments.codecs.values import Value, bounded
+from rig.instruments.manual import decode_entry
 from rig.interlock.limits import Limits
 from rig.readings import NS, Quality, Reading
 
@@ -105,6 +110,37 @@ def test_a_runaway_from_rest_trips_at_its_first_edge_beyond_the_limit():
 def test_a_speed_that_a_person_typed_trips_however_fast_it_came():
     manual = [speed(value, at, quality=Quality.MANUAL) for value, at in ((300.0, 0.0), (900.0, 0.001))]
     assert "limit 600 rpm" in looks(Limits(SAFETY, ROLES), *manual)[1]
+
+
+@pytest.mark.parametrize("typed", [">500", ">600"])
+def test_a_reading_that_a_person_typed_as_off_the_scale_trips(typed):
+    ends = float(typed[1:])
+    channels = {"pressure_bar_abs": ChannelFile(unit="bar"), "speed_rpm": ChannelFile(unit="rpm", highest=ends)}
+    value = decode_entry(f"2.0 {typed}", channels)["speed_rpm"]
+    view = View(speed(value.value, quality=value.quality, censored=value.censored), pressure(2.0))
+    said = Limits(SAFETY, ROLES).trip(view, 0, True)
+    assert said == f"speed beyond the scale of tach.speed_rpm: {ends:g} rpm or more, limit 600 rpm"
+
+
+@pytest.mark.parametrize(
+    ("lowest", "words"),
+    [
+        (None, "speed 900 rpm (tach.speed_rpm), limit 600 rpm; it reads -900 rpm: the rotor turns the other way"),
+        (-500.0, "beyond the scale of tach.speed_rpm: 500 rpm or more, limit 600 rpm; it reads -500 rpm: the rotor"),
+        (
+            0.0,
+            "signal lost: no usable reading of tach.speed_rpm for 1.10 s .* -900 rpm is below .* turns the other way",
+        ),
+    ],
+)
+def test_a_speed_the_other_way_trips_and_says_how_its_sign_is_turned(lowest, words):
+    """Of a tachometer that shows the direction; one whose scale begins at zero reads nothing that way."""
+    value = bounded(Value(-900.0), ChannelFile(unit="rpm", lowest=lowest, highest=5000.0))
+    one = reading("tach.speed_rpm", value.value, 0.0, value.quality, value.censored)
+    view, limits = View(dataclasses.replace(one, detail=value.detail), pressure(2.0)), Limits(SAFETY, ROLES)
+    said = limits.trip(view, 0, True) or limits.trip(view, int(1.1 * NS), True)
+    assert re.search(words.replace("(", r"\(").replace(")", r"\)"), said)
+    assert "scale = -1" in said
 
 
 def test_a_speed_that_nothing_verified_trips_too():

@@ -8,7 +8,7 @@ import pytest
 
 from rig.bench.bench import SweepTable
 from rig.plateaus.plan import Step, plan
-from rig.readings import NS
+from rig.readings import NS, Quality, Reading
 from rig.sweep import judge, orders
 from rig.sweep.capturing import CaptureTask
 from rig.sweep.course import Course
@@ -655,3 +655,13 @@ def test_a_second_stop_ends_a_hand_run_that_nobody_answers_as_unvented():
     walk.when["vent"] = lambda lab: setattr(lab, "stops", 2)
     walk.go()
     assert not walk.finish.vented
+
+
+@pytest.mark.parametrize(("rpm", "censored", "rests"), [(10.0, -1, True), (-500.0, -1, False)])
+def test_a_typed_speed_below_the_scale_is_rest_where_the_scale_begins_above_zero(rpm, censored, rests):
+    typed = {
+        "pressure": Reading("dial", "pressure_bar_abs", 1.0, "bar", Quality.MANUAL, 0, 0, 0),
+        "speed": Reading("tach", "speed_rpm", rpm, "rpm", Quality.MANUAL, 0, 0, 0, censored=censored),
+    }
+    told = judge.not_at_rest(SimpleNamespace(last=typed.get), 1.0)
+    assert told == ("" if rests else "the rotor still turns, at -500 rpm")

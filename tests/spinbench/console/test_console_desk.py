@@ -1,5 +1,6 @@
 """The console's own state: what became of a start, which run is shown, and what a person is told to type."""
 
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 from rig.bench.bench import bench_path, read_bench
 from rig.runlog import RunWriter
 from spinbench.console import sweeps
+from spinbench.console.access import RefusedError
 from spinbench.console.desk import Desk, Showing
 from spinbench.console.planned import Planned
 from spinbench.console.stopping import being_written
@@ -119,6 +121,43 @@ def test_runs_that_were_renamed_do_not_hide_the_one_that_goes_on(desk):
         assert desk.showing.tail.folder == going_on.folder
         assert [row["name"] for row in desk.runs()][:2] == [going_on.name, "seal_test_9"]
         assert being_written(desk.logs) == [going_on.folder]
+
+
+def test_a_run_whose_clock_was_set_back_is_stopped_and_bars_another_start(desk, held_starts, monkeypatch):
+    """A computer without a battery begins in 1970; STOP, and the one run at a time, are about what is written now."""
+    with RunWriter.create(desk.logs, start_of()) as writer:
+        writer.end("finished", vented=True)
+    for n in range(50):
+        shutil.copytree(writer.folder, desk.logs / f"sealed_{n}")
+    held_starts()
+    desk.sweeps.start(SWEEP, {})
+    told = []
+    monkeypatch.setattr("spinbench.console.stopping.ask_to_stop", lambda pid: told.append(pid) or "")
+    with RunWriter.create(desk.logs, start_of(utc_start="1971-01-01T00:00:00Z")) as going_on:
+        assert not desk.console("w")["starting"]
+        assert (desk.stop("a test")["word"], told) == ("asked", [os.getpid()])
+        with pytest.raises(RefusedError, match="a run is going on"):
+            Desk(desk.sweeps.path, desk.bench, desk.logs).sweeps.start(SWEEP, {})
+        going_on.end("aborted", "stopped by the operator", vented=True, stopped_by="operator")
+    assert not desk.console("w")["running"]
+    assert "No run is being written" in desk.stop("a test")["text"]  # and not that its regulator was never raised
+
+
+def test_stop_reaches_a_run_that_begins_while_it_is_looked_for(desk, held_starts, monkeypatch):
+    held_starts()
+    desk.sweeps.start(SWEEP, {})
+    begun = []
+
+    def begins(logs):
+        open_ones = being_written(logs)
+        begun.append(RunWriter.create(logs, start_of()))
+        return open_ones
+
+    monkeypatch.setattr("spinbench.console.stopping.being_written", begins)
+    word = desk.stop("a test")["word"]
+    begun[0].close()
+    assert word == "DELIVERED"
+    wait_for(lambda: not desk.sweeps.running, "the end of the program that was started")
 
 
 def test_figures_of_a_replay_are_marked_as_past(tmp_path):

@@ -14,9 +14,11 @@ from rig.by_hand.manual import CLOSED_QUESTION
 from rig.by_hand.prompter import PRESSURE_NOW
 from rig.instruments.manual import example
 from rig.runlog import RunWriter, read_run
+from spinbench.console import sweeps
 from spinbench.console.access import RefusedError
 from spinbench.console.desk import Desk
 from spinbench.console.entries import SAID, Entries, typed_into
+from spinbench.console.planned import Planned
 from tests.console_lab import consoles, ends, has, only_run, short_bench
 from tests.synthetic_runs import start_of
 from tests.waiting import wait_for
@@ -119,6 +121,20 @@ def test_nothing_is_asked_once_the_run_is_sealed_but_the_next_one_asks_before_it
             wait_for(lambda: desk.follow() or desk.showing.tail.end, "its end")
             assert desk.console("w")["entries"] is None
         time.sleep(0.05)
+
+
+def test_a_run_begins_while_the_one_before_makes_its_page_and_not_while_that_one_asks(tmp_path, monkeypatch):
+    path, logs = hand_bench(tmp_path), tmp_path / "logs"
+    desk, begun = Desk(path, read_bench(path), logs), []
+    monkeypatch.setattr(sweeps.subprocess, "Popen", lambda command, **_: begun.append(command))
+    with typed_into(desk.sweeps.entries):  # its program has it until its page is made
+        with pytest.raises(RefusedError, match="waits for its next answer"):
+            desk.sweeps.start(Planned("sweep"), {})
+        time.sleep(0.05)  # the file system's clock may be no finer
+        with RunWriter.create(logs, start_of("manual")) as writer:
+            writer.end("finished", vented=True)
+        desk.sweeps.start(Planned("sweep"), {})
+    assert len(begun) == 1
 
 
 def test_a_countdown_still_takes_the_readings(run):
