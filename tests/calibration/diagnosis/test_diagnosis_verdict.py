@@ -192,7 +192,7 @@ def test_the_document_has_the_promised_form(leaking) -> None:
     for place in again["located"]:
         assert set(place) == {
             "kind", "channel", "balance", "coordinate", "where", "unit", "p_value", "sentence", "same_as",
-            "recording",
+            "recording", "file",
         }  # fmt: skip
         assert place["where"][0] < place["where"][1]
     for effect in again["effects"]:
