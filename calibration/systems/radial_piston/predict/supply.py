@@ -45,7 +45,8 @@ EDGES = np.concatenate([np.linspace(0.0, 1.0, 41), np.geomspace(1.0, 12.0, 121)[
 OPENING, VENTING = "opening", "venting"
 # What of a run is the bench's, and stays as it is until another run.
 OF_THE_BENCH = (
-    *(f"{way}_{what}" for way in (OPENING, VENTING) for what in ("time", "valve", *map("form_{}".format, range(4)))),
+    *(f"{way}_{what}" for way in (OPENING, VENTING) for what in ("time", "valve")),
+    *(f"{way}_form_{k}" for way in (OPENING, VENTING) for k in range(len(FORMS))),
     *("opening_lead", "opening_droop", "venting_bend", "floor"),
 )
 
