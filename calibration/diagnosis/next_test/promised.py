@@ -52,7 +52,8 @@ def kept(promise: Promise, candidates: Sequence[Candidate]) -> Kept | None:
     """What a test gave: how far it moved the log odds of two sets for the likelier of them, the mean over their pairs.
 
     Each pair counts for what it was probable before. That is what was promised, with the likelier set in the place of
-    the true one. Negative where the test speaks for the other. None where fewer than two of the sets were weighed again.
+    the true one. Negative where the test speaks for the other. None where fewer than two of the sets were weighed
+    again.
     """
     now = {one.names: one.log_evidence for one in candidates}
     known = [names for names in list(promise.rivals)[:MOST_RIVALS] if names in now]  # those that it was weighed for
