@@ -142,11 +142,11 @@ def as_fitted(
 ) -> Recording:
     """A recording with nothing in it but what a fit uses: no channel left out; of a fit to plateaus no held rotor.
 
-    `motor`: changed by hand: the recording gets its ambient and flywheel.
+    `motor`: changed by hand: the recording gets its ambient.
     `in_time`: whether runs in time and the held rotor stay.
     """
     if motor is not None:
-        recording = replace(recording, ambient=_ambient_of(motor, recording.ambient), added_inertia_kg_m2=0.0)
+        recording = replace(recording, ambient=_ambient_of(motor, recording.ambient))
     left_out = {OF_CHANNEL[channel].column for channel in ("flow", "speed") if channel not in channels}
     return replace(
         recording,

@@ -13,7 +13,7 @@ What means the same in the whole package is told here; a function tells only wha
 a package or a module of this one tells at its top.
 
 `motor`: the motor.
-`parameters`, shape (26,): one parameter set [SI], in the order of `layout`.
+`parameters`, shape (27,): one parameter set [SI], in the order of `layout`.
 `readings`, shape (5,): which equations are read as printed, and which not: `motor.Readings.vector`.
 `gas`, shape (12,): gas of an operating point, of `gas.cylinder.gas_state`.
 `c`, shape (12,): the guide curve, of `geometry.curve`.

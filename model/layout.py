@@ -31,14 +31,15 @@ H_A = 17
 D_C = 18
 K_C = 19
 N_SOLVER_PARAMETERS = 20  # what follows (housing diameter, speed limit) enters no equation
-# Behind the motor's own parameters stand two that are no property of it: physics that the article leaves out enters the
-# solvers through them (model/effects). Neutral, they change no bit.
+# Behind the motor's own parameters stand three that are no property of it. Physics that the article leaves out enters
+# the solvers through the first two (model/effects). Neutral, they change no bit.
 EXTRA_TORQUE = 22  # opposes the motion, beside roller friction [N m]
 HEAT_FACTOR = 23  # times the heat of Eq. 18 [-]
-N_PISTONS = 24
-N_LOBES = 25
-N_VECTOR = 26
-NEUTRAL = (0.0, 1.0)
+J_ADDED = 24  # of J, a flywheel's, which the effects leave as it is [kg m2]
+N_PISTONS = 25
+N_LOBES = 26
+N_VECTOR = 27
+NEUTRAL = (0.0, 1.0, 0.0)
 
 # Readings.
 VIRTUAL_WORK = 0

@@ -205,7 +205,7 @@ class Motor(Strict):
         return float(self[name].value * QUANTITIES[name].to_si)
 
     def vector(self) -> np.ndarray:
-        """All parameters in SI units, shape (26,): those of `QUANTITIES` in order, `layout.NEUTRAL`, and the counts."""
+        """All parameters in SI units, shape (27,): those of `QUANTITIES` in order, `layout.NEUTRAL`, and the counts."""
         return np.array([*(self.si(name) for name in QUANTITIES), *layout.NEUTRAL, self.n_pistons, self.n_lobes])
 
     def with_values(self, values: Mapping[str, float]) -> Motor:

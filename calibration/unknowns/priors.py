@@ -181,7 +181,7 @@ def noise_scale(channel: str, why: str) -> Unknown:
 
 
 def at_ambient(motor: Motor, recording: Recording) -> Motor:
-    """The motor in the recording's ambient, with its flywheel; what the recording leaves out keeps the motor's default.
+    """The motor in the recording's ambient; what the recording leaves out keeps the motor's default.
 
     Returns the changed motor. Raises configs.ConfigError when the recorded ambient is outside the motor's bounds.
     """
@@ -193,8 +193,6 @@ def at_ambient(motor: Motor, recording: Recording) -> Motor:
         values["ambient_temperature"] = values["inlet_temperature"] = ambient.temperature_c + ZERO_C
     if ambient.relative_humidity is not None:
         values["relative_humidity"] = ambient.relative_humidity
-    if recording.added_inertia_kg_m2 > 0.0:
-        values["inertia"] = motor["inertia"].value + recording.added_inertia_kg_m2
     return motor.with_values(values)
 
 

@@ -6,7 +6,7 @@ steady, transient, averaged, uneven, neighbourhood   the solvers that take them 
 
 `chosen`: a set of effects: effect id to the values of its parameters.
 `state`: the operating state, arrays of shape (n,).
-`parameters`, shape (n, 26): base parameters of each row [SI].
+`parameters`, shape (n, 27): base parameters of each row [SI].
 `pressures`, shape (n,): true line pressures [Pa].
 `gas`, shape (n, 12): gas of each row, of `model.solvers.steady.gas_table`.
 `time`, shape (n,): of each row on the recording's clock [s].

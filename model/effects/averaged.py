@@ -2,7 +2,7 @@
 
 Torque and flow are tabulated over the speed for each span of the supply; the speed then follows by Runge-Kutta steps.
 
-`parameters`, shape (26,): base parameters [SI].
+`parameters`, shape (27,): base parameters [SI].
 `gas`, shape (12,): gas of an operating point.
 `time`, shape (n,): increasing sample times [s]; the first is the start.
 """
@@ -33,6 +33,7 @@ AHEAD = 1.3  # highest speed of the tables, of the one at which viscous friction
 LONGEST_STEP_S = 0.004
 LEAST_TORQUE = 0.05  # N m; so that the tables of a line that drives nothing reach somewhere
 START_MARGIN = 1.1
+OF_INERTIA = [at.J, at.J_ADDED]
 ASKED = (1.0, 4.0, 16.0, 64.0, 256.0)  # rad/s; speeds at which the torque is asked for that the highest one hangs on
 NEWTON = 4  # steps to the flow through a loss; its law is a power of the flow
 
@@ -95,7 +96,7 @@ def _speeds(
     gas = gas_state(parameters, float(nodes[-1]), readings)
     top = _top_speed(parameters, readings, gas, float(nodes[-1]), start_rad_s)
     key = (
-        *(one.tobytes() for one in (_without(parameters, [at.J]), readings, nodes)),
+        *(one.tobytes() for one in (_without(parameters, OF_INERTIA), readings, nodes)),
         *((effect.id, *sorted(values.items())) for effect, values in those),
         (top, clock),
     )
@@ -223,7 +224,7 @@ def _top_speed(parameters: np.ndarray, readings: np.ndarray, gas: np.ndarray, P:
 
 def _of_the_gas(parameters: np.ndarray) -> bytes:
     """All of a parameter set that the torque of the gas hangs on: not inertia, viscous friction nor extra torque."""
-    return _without(parameters, [at.J, at.F_OVERALL, at.EXTRA_TORQUE]).tobytes()
+    return _without(parameters, [*OF_INERTIA, at.F_OVERALL, at.EXTRA_TORQUE]).tobytes()
 
 
 def _without(parameters: np.ndarray, which: list[int]) -> np.ndarray:

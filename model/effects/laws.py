@@ -60,13 +60,14 @@ def members(chosen: Chosen) -> Members:
 def with_factors(parameters: np.ndarray, chosen: Chosen) -> np.ndarray:
     """Parameters with the factors of a set on them.
 
-    `parameters`, shape (..., 26): parameter sets [SI].
-    Returns a copy where there is a factor; the same array where there is none.
+    `parameters`, shape (..., 27): parameter sets [SI].
+    Returns a copy where there is a factor; the same array where there is none. A factor on J is one on the rotor's.
     """
     for effect, values in members(chosen):
         for name, factor in effect.factors.items():
-            parameters = parameters.copy()
-            parameters[..., getattr(at, name)] *= factor(values)
+            parameters, place = parameters.copy(), getattr(at, name)
+            fixed = parameters[..., at.J_ADDED] if place == at.J else 0.0
+            parameters[..., place] = (parameters[..., place] - fixed) * factor(values) + fixed
     return parameters
 
 
@@ -154,9 +155,9 @@ def _add_torques(rows: np.ndarray, torques: np.ndarray, speed: np.ndarray, load:
 def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_friction: float = -np.inf) -> np.ndarray:
     """Parameters of each row with the set's torques and pressure losses in them, at the state as it stands.
 
-    `parameters`, shape (n, 26): with the factors on them [SI].
+    `parameters`, shape (n, 27): with the factors on them [SI].
     `least_friction`: share of f_overall that is left where a torque falls with speed [-]; unbounded when left out.
-    Returns an array, shape (n, 26): a copy.
+    Returns an array, shape (n, 27): a copy.
     """
     changed = parameters.copy()
     those = members(chosen)
@@ -178,7 +179,7 @@ def row_parameters(parameters: np.ndarray, chosen: Chosen, state: State, least_f
 def add_losses(rows: np.ndarray, those: Members, state: State) -> None:
     """Add the losses of pressure to the rows' own; some pressure is always left ahead of the cylinders.
 
-    `rows`, shape (n, 26): parameters [SI], changed.
+    `rows`, shape (n, 27): parameters [SI], changed.
     """
     for effect, values in those:
         if effect.inlet_drop is not None:

@@ -99,7 +99,7 @@ def hang_on_state(chosen: laws.Chosen) -> bool:
 def given_state(parameters: np.ndarray, pressures: np.ndarray, gas: np.ndarray, time: np.ndarray) -> State:
     """What is known of the operating state before it is solved for: speed, angle, mass flow and load are nan.
 
-    `parameters`, shape (n, 26): with the effects' factors on them [SI].
+    `parameters`, shape (n, 27): with the effects' factors on them [SI].
     """
     unknown = np.full(pressures.size, np.nan)
     return State(
@@ -121,7 +121,7 @@ def one_pass(
 ) -> tuple[np.ndarray, State]:
     """The effects at a state, and the base solver with them. A state that this leads back to is a solution.
 
-    `parameters`, shape (n, 26): with the effects' factors on them [SI].
+    `parameters`, shape (n, 27): with the effects' factors on them [SI].
     `state`: at which the laws are taken.
     `solver`: from rows of parameters to the base solver's array.
     Returns `out`, shape (n, 9): of the base solver; `state`: at which it arrives.

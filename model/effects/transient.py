@@ -4,7 +4,7 @@ Between two samples, or oftener where the speed changes fast, a torque is its ta
 the error is of second order in what they change meanwhile. A pressure loss follows the mean flow, which settles within
 a few pulses of the cylinders.
 
-`parameters`, shape (26,): base parameters [SI].
+`parameters`, shape (27,): base parameters [SI].
 `gas`, shape (12,): gas of an operating point.
 `time`, shape (n,): increasing sample times [s]; the first is the start.
 """
@@ -192,7 +192,7 @@ def _ahead(
 
 
 def _row(case: _Case, those: laws.Members, state: State, speed: float) -> np.ndarray:
-    """Parameters with the tangent of these torques in them, shape (1, 26)."""
+    """Parameters with the tangent of these torques in them, shape (1, 27)."""
     row = case.parameters[None, :].copy()
     if those:
         T = laws.sum_of_torques(those, state, np.full(3, speed < 0.0))

@@ -104,9 +104,9 @@ def solve_rows(
 ) -> np.ndarray:
     """Steady states of rows that each have a pressure and parameters of their own.
 
-    `parameters`, shape (n, 26): parameter sets in SI units, one a row.
+    `parameters`, shape (n, 27): parameter sets in SI units, one a row.
     `gas`, shape (n, 12): gas of each row, of `gas_table`.
-    `known`, shape (n, 26): what a call before left of states close by, 0 where nothing is known: it saves passes.
+    `known`, shape (n, 27): what a call before left of states close by, 0 where nothing is known: it saves passes.
         Renewed.
     Returns an array, shape (n, 9): columns as in `solve`.
     """
@@ -135,7 +135,7 @@ def solve(
 ) -> np.ndarray:
     """Steady states of many parameter sets in one compiled call on all cores.
 
-    `parameters`, shape (n_sets, 26): parameter sets in SI units, in the order of `model.motor.QUANTITIES`.
+    `parameters`, shape (n_sets, 27): parameter sets in SI units, in the order of `model.motor.QUANTITIES`.
     `pressures`, shape (n_sets, n_points): absolute inlet pressures [Pa].
     `gas`, shape (n_points, 12): gas of each point, of `gas_table`; shared by the sets, on which it depends too little
         to matter.

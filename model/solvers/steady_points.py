@@ -250,7 +250,7 @@ def solve_batch(
 ) -> None:
     """Every parameter set at its operating points, shared among the cores.
 
-    `parameters`, shape (n, 26): one set a row [SI].
+    `parameters`, shape (n, 27): one set a row [SI].
     `pressures`, shape (n, k): absolute [Pa].
     `gas`: of `gas_table`, for each pressure [SI].
     `out`: gets the columns of each point [SI].
@@ -274,7 +274,7 @@ def solve_each_row(
 ) -> None:
     """One operating point of each parameter set, AT_ONCE of them shared among the cores.
 
-    `parameters`, shape (n, 26): one set a row [SI].
+    `parameters`, shape (n, 27): one set a row [SI].
     `pressures`, shape (n,): absolute [Pa].
     `gas`: of `gas_table`, for each pressure [SI].
     `tolerance`: relative, of the speed [-].

@@ -148,9 +148,9 @@ def test_a_recorded_humidity_is_taken_over(put_recording):
     assert priors.at_ambient(read_motor("ptm3600"), recording)["relative_humidity"].value == 0.2
 
 
-def test_a_flywheel_adds_its_inertia(put_recording):
+def test_a_flywheel_leaves_the_rotor_its_own_inertia(put_recording):
     found = found_in(put_recording(("sweep.csv", "steady", SWEEP), more="[rig]\nadded_inertia_kg_m2 = 0.0125\n"))
-    assert found["inertia"].a == pytest.approx(0.005 + 0.0125)
+    assert found["inertia"].a == pytest.approx(0.005)
 
 
 def test_the_column_of_a_channel_is_the_recordings(put_recording):

@@ -63,8 +63,15 @@ def test_the_order_of_the_quantities_is_that_of_the_solvers():
     assert len(LAYOUT) == layout.N_SOLVER_PARAMETERS
     assert not set(names[: layout.N_SOLVER_PARAMETERS]) - set(LAYOUT)
     # What effects add lies behind the quantities, and behind it the counts.
-    behind = [layout.EXTRA_TORQUE, layout.HEAT_FACTOR, layout.N_PISTONS, layout.N_LOBES, layout.N_VECTOR]
-    assert behind == [len(names) + i for i in range(5)]
+    behind = [
+        layout.EXTRA_TORQUE,
+        layout.HEAT_FACTOR,
+        layout.J_ADDED,
+        layout.N_PISTONS,
+        layout.N_LOBES,
+        layout.N_VECTOR,
+    ]
+    assert behind == [len(names) + i for i in range(6)]
 
 
 def test_the_order_of_the_readings_is_that_of_the_solvers():

@@ -80,7 +80,6 @@ class SeveralProblem(compared.Problem):
                 self._of.append((k, i))
             self.at.append(np.array(mine, dtype=int))
         self._last: list[_Last | None] = [None] * len(parts)
-        self._added = [part.recording.added_inertia_kg_m2 for part in parts]
         # Parts of one recording, with other flywheels, are of one day: an effect has the same sizes in all of them.
         folders = [Path(folder).name for folder, _ in dict.fromkeys(places)]
         self.day_of = [
@@ -97,7 +96,7 @@ class SeveralProblem(compared.Problem):
         return [day for _, day in sorted(dated)] if len(dated) == len(self.days) else self.days
 
     def of_part(self, k: int, z: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
-        """One recording's share of a point [-]: with another flywheel the rotor keeps its own inertia.
+        """One recording's share of a point [-].
 
         `z`, shape (m,): of all: nuisances, then the unknowns of the effects ``names`` [-].
         """
@@ -125,12 +124,11 @@ class SeveralProblem(compared.Problem):
         for name in OF_THE_MOTOR:
             place = self.parts[k].place(name)
             change = chosen.get(changed(name), {}).get(CHANGE.name, 0.0) if self.day_of[k] == self.days[-1] else 0.0
-            added = (self._added[k], self._added[0]) if name == "inertia" else (0.0, 0.0)
-            if place is None or (change == 0.0 and added[0] == added[1]):
+            if place is None or change == 0.0:
                 continue
             i = self.at[k][place]
-            own = max(float(self.nuisances[i].value(z[i])) - added[1], 1e-12) * (1.0 + change)
-            found[place] = _z_within(self.parts[k].nuisances[place], own + added[0])
+            own = float(self.nuisances[i].value(z[i])) * (1.0 + change)
+            found[place] = _z_within(self.parts[k].nuisances[place], own)
         return found
 
     def moved_by(self, k: int, i: int) -> list[tuple[int, float]]:
@@ -234,8 +232,7 @@ class SeveralProblem(compared.Problem):
                 pairs.append((one, before, after))
             return pairs
         i = next(i for i, one in enumerate(self.nuisances) if one.name == unchanged(change))
-        added = self._added[0] if unchanged(change) == "inertia" else 0.0
-        before = self.nuisances[i].value(z[:, i]) - added
+        before = self.nuisances[i].value(z[:, i])
         return [(self.nuisances[i], before, before * (1.0 + searched(CHANGE).value(mine[CHANGE.name])))]
 
     def in_si(self, nuisance: str) -> float:

@@ -34,6 +34,7 @@ from calibration.systems.radial_piston.predict.kinds import RUN, VENTED
 from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.systems.radial_piston.predict.supply import FORMS, WANDERS, Course
 from calibration.work.step_clock import StepClock
+from model import layout as at
 from model.effects import effects
 from model.effects.effect import unknown_state
 from model.motor import read_motor
@@ -610,12 +611,23 @@ def test_with_another_flywheel_the_rotor_keeps_its_inertia(tmp_path: Path, added
     z[place] = 1.3
     mode: Any = SimpleNamespace(z=z, covariance=np.diag(np.full(z.size, 0.04)))
     found, covariance, new = carried(seen, mode, there)
-    J = seen.nuisances[place].value(z[place])
-    assert there.nuisances[place].value(found[place]) == pytest.approx(J + added)
-    assert not new.any() and np.array_equal(np.delete(found, place), np.delete(z, place))
-    sd = np.sqrt(covariance[place, place])
-    after, before = there.nuisances[place].value(found[place] + sd), seen.nuisances[place].value(1.3 + 0.2)
-    assert after - J - added == pytest.approx(before - J, rel=0.02)  # as much in kg m2
+    rotor = seen.nuisances[place].value(z[place])
+    for problem, at_z, flywheel in ((seen, z, 0.003), (there, found, 0.003 + added)):
+        assert problem.split(at_z)[0][at.J] == pytest.approx(rotor + flywheel)
+    assert not new.any() and np.array_equal(found, z) and np.array_equal(covariance, mode.covariance)
+
+
+def test_with_a_flywheel_the_effect_and_the_nuisance_are_the_rotors_alike(tmp_path: Path) -> None:
+    recordings.sweep(tmp_path, 5, {})
+    problem = Problem(replace(recordings.add_coast_down(tmp_path, 5, {}), added_inertia_kg_m2=0.015))
+    place = problem.place("inertia")
+    assert place is not None
+    z = np.zeros(len(problem.nuisances))
+    by_effect = problem.predict(z, {"inertia": {"share": 0.4}})
+    z[place] = problem.nuisances[place].z(1.4 * problem.motor.si("inertia"))
+    by_nuisance, bare = problem.predict(z, {}), problem.predict(np.zeros(z.size), {})
+    assert by_effect.runs[0] == pytest.approx(by_nuisance.runs[0], rel=1e-9, nan_ok=True)
+    assert np.nanmax(np.abs(by_effect.runs[0] - bare.runs[0])) > 0.1  # rad/s
 
 
 def test_of_several_runs_each_is_held_out_whole(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from calibration.report.fit.words import next_command
 from calibration.report.origin import name_of
 from calibration.systems.look_up import compared
 from calibration.systems.several.comparison import Several
+from model import layout as at
 from model.motor import read_motor
 from rig.recording import Recording, RecordingError, read_recording, write_recording
 from spinbench.published import published_sweep
@@ -149,10 +150,7 @@ def test_unknowns_of_a_day_are_its_own_and_the_motor_is_shared(tmp_path: Path, m
     z[names.index("inertia")] = 1.0
     rotor = float(several.problem.nuisances[names.index("inertia")].value(np.asarray(1.0)))
     part = several.parts[1].problem
-    place = part.place("inertia")
-    assert float(part.nuisances[place].value(several.problem.of_part(1, z)[place])) == pytest.approx(
-        rotor + 3.0 * ROTOR
-    )
+    assert part.split(several.problem.of_part(1, z))[0][at.J] == pytest.approx(rotor + 3.0 * ROTOR)
 
 
 def test_a_recording_that_an_unknown_leaves_alone_is_not_predicted_again(

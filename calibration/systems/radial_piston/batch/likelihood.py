@@ -36,6 +36,7 @@ from calibration.unknowns.priors import (
     values_of,
 )
 from configs.units import BAR
+from model import layout as at
 from model.effects.laws import Chosen
 from model.motor import QUANTITIES, Motor
 from model.solvers import steady
@@ -67,6 +68,7 @@ class Likelihood:
         self.effects = effects
         self._first_of_effects = len(found) - (len(effects.unknowns()) if effects else 0)
         self._base = motor.vector()
+        self._base[at.J_ADDED] = recording.added_inertia_kg_m2
         self._readings = motor.readings.vector()
         self._position = {name: i for i, name in enumerate(QUANTITIES)}
         self._bounds = [(i, motor.quantity(u.name)) for i, u in enumerate(found) if u.name in QUANTITIES]
@@ -230,6 +232,7 @@ class Likelihood:
                 parameters[:, self._position[unknown.name]] = values[:, i] * QUANTITIES[unknown.name].to_si
             elif isinstance(unknown.of, OfInstrument):
                 errors[:, CHANNELS.index(unknown.of.channel), ERRORS.index(unknown.of.error)] = values[:, i]
+        parameters[:, at.J] += parameters[:, at.J_ADDED]
         return parameters, errors, inside
 
 

@@ -51,7 +51,7 @@ def solve(
 ) -> np.ndarray:
     """Steady states as `model.solvers.steady.solve` gives them, speed and flow as the instruments take them up.
 
-    `parameters`, shape (n_sets, 26): parameter sets [SI].
+    `parameters`, shape (n_sets, 27): parameter sets [SI].
     `readings`, shape (5,): `model.motor.Readings.vector`.
     `shown`, shape (n_sets, n_rows): what the gauge shows, its own offset and scale undone [Pa].
     `above`, shape (n_sets, n_rows): what that is counted from: the ambient's pressure, or 0 [Pa].

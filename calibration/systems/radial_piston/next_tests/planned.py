@@ -135,7 +135,7 @@ class _Bench:
         self.sample = float(np.median(np.diff(runs[0].time))) if runs else max(SAMPLE_S, shown_every or 0.0)
         self.gauge_every = max(round(_gauge_s(self.seen, str(self.columns["pressure"])) / self.sample), 1)
         self.noisier = float(np.max(runs[0].noise_scale)) if runs else NOISIER
-        self.inertia = comparison.problem.motor.si("inertia") - self.seen.added_inertia_kg_m2
+        self.inertia = comparison.problem.motor.si("inertia")
 
     def allowed(self) -> float:
         """The highest level at which the motor without load turns no faster than it may; infinite where none tells.

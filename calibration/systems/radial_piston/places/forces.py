@@ -12,7 +12,6 @@ from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Force, first_order, hats, spans
 from calibration.likelihood.signatures import answer
 from calibration.systems.radial_piston.predict.kinds import RUN
-from model import layout as at
 from model.effects import effects
 
 if TYPE_CHECKING:
@@ -82,7 +81,8 @@ class TorqueAnswer:
 
     def __init__(self, comparison: Comparison, torque: np.ndarray) -> None:
         self.comparison, self.torque = comparison, torque
-        self.inertia = float(comparison.problem.motor.vector()[at.J])
+        problem = comparison.problem
+        self.inertia = problem.motor.si("inertia") + problem.recording.added_inertia_kg_m2
         self.rates = []
         for i, run in enumerate(comparison.problem.blocks.runs):
             mine = comparison.kind == RUN + i

@@ -28,28 +28,15 @@ def carried(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Point and covariance of a recording's unknowns as another one leaves them [-], and which it does not tell.
 
-    A flywheel's own inertia is known: with another one the rotor keeps what was found of it.
-
     `names`: nuisances that are carried over, all if left out; the effects' unknowns always are.
     Returns `z`: the point [-]; `covariance`: of it [-]; `new`: unknowns that have their prior.
     """
     k, size = len(seen.nuisances), len(there.nuisances) + mode.z.size - len(seen.nuisances)
     old = {unknown.name: i for i, unknown in enumerate(seen.nuisances)}
     both = {u.name: i for i, u in enumerate(there.nuisances) if u.name in old and (names is None or u.name in names)}
-    z, covariance, new, scale = np.zeros(size), np.eye(size), np.ones(size, dtype=bool), np.ones(size)
-    added = there.recording.added_inertia_kg_m2 - seen.recording.added_inertia_kg_m2
-    moved = {}
-    if "inertia" in both and added:
-        found = float(seen.nuisances[old["inertia"]].value(mode.z[old["inertia"]]))
-        if found + added > 0.0:
-            moved[both["inertia"]] = float(there.nuisances[both["inertia"]].z(found + added))
-            scale[both["inertia"]] = found / (found + added)
-        else:  # lighter than the flywheel that is gone: nothing is known of the rotor
-            del both["inertia"]
+    z, covariance, new = np.zeros(size), np.eye(size), np.ones(size, dtype=bool)
     of_old = np.array([*(old[name] for name in both), *range(k, mode.z.size)], dtype=int)
     of_new = np.array([*both.values(), *range(len(there.nuisances), size)], dtype=int)
     z[of_new], new[of_new] = mode.z[of_old], False
-    for place, value in moved.items():
-        z[place] = value
     covariance[np.ix_(of_new, of_new)] = mode.covariance[np.ix_(of_old, of_old)]
-    return z, covariance * np.outer(scale, scale), new
+    return z, covariance, new

@@ -70,7 +70,7 @@ class Sampled:
 class Plan:
     """What a simulation of a run in time takes.
 
-    `parameters`, shape (26,): of the motor [SI].
+    `parameters`, shape (27,): of the motor [SI].
     `readings`, shape (5,): `model.motor.Readings.vector`.
     `at`: when it is looked at.
     `start`, shape (9 + 2 n,): state at the first of its times.
@@ -237,7 +237,7 @@ def plan(
 
     `motor`: for its readings of the article and its state at rest.
     `at`: when the run is looked at.
-    `parameters`, shape (26,): of the motor [SI].
+    `parameters`, shape (27,): of the motor [SI].
     `line`, shape (n, 3): the supply as rows of start [s], pressure [Pa], and 1 where it is open.
     `angle`: of the shaft where the run begins to be compared, or when its valve is moved [rad].
     `own`: of a start from rest, the shares by which it is faster there than by the mean torque (BEGUN), and by which

@@ -88,6 +88,7 @@ class Problem(compared.Problem):
         self.blocks: Blocks = blocks_of(recording, pulse_angle(self.motor.vector()))
         self.nuisances = nuisances_of(self.motor, recording, self.blocks, any_turn)
         self._base = self.motor.vector()
+        self._base[at.J_ADDED] = recording.added_inertia_kg_m2
         self._readings = self.motor.readings.vector()
         self._goes_to = [destination(unknown) for unknown in self.nuisances]
         columns = {channel: column_of(recording, channel) for channel in CHANNELS}
@@ -174,9 +175,9 @@ class Problem(compared.Problem):
         """The nuisances' values: the motor's parameters, each channel's errors, and what is each run's own.
 
         `z`, shape (n_nuisances,): nuisances [-].
-        Returns `parameters`: of the motor [SI]; `errors`: offset [SI] and scale [-] of each channel; the share of the
-        gauge's span error that shows at ambient pressure is the offset of VENTED [-]; `own`: by file what is the run's
-        own, by the ends of its unknowns' names [own unit].
+        Returns `parameters`: of the motor with its flywheel [SI]; `errors`: offset [SI] and scale [-] of each channel;
+        the share of the gauge's span error that shows at ambient pressure is the offset of VENTED [-]; `own`: by file
+        what is the run's own, by the ends of its unknowns' names [own unit].
         """
         parameters = self._base.copy()
         errors = {channel: [0.0, 0.0] for channel in (*CHANNELS, VENTED)}
@@ -189,6 +190,7 @@ class Problem(compared.Problem):
                 parameters[place] = min(max(value, quantity.low), quantity.high) * to_si
             else:
                 (errors if of in errors else own)[of][place] = value * to_si
+        parameters[at.J] += parameters[at.J_ADDED]
         return parameters, {channel: (pair[0], pair[1]) for channel, pair in errors.items()}, own
 
     def _plateaus(

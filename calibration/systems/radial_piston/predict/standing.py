@@ -24,7 +24,7 @@ def standing_flow(
     `pressure`, shape (n,): True pressure of the line [Pa]; that of the ambient where it is vented.
     `time`, shape (n,): on the recording's clock [s].
     `gas_constant`, shape (n,): of the air [J/(kg K)].
-    `parameters`, shape (26,): of the motor [SI].
+    `parameters`, shape (27,): of the motor [SI].
     `errors`: offset [m3/s] and scale [-] of the meter.
     """
     offset, scale = errors
