@@ -624,7 +624,7 @@ def test_with_a_flywheel_the_effect_and_the_nuisance_are_the_rotors_alike(tmp_pa
     assert place is not None
     z = np.zeros(len(problem.nuisances))
     by_effect = problem.predict(z, {"inertia": {"share": 0.4}})
-    z[place] = problem.nuisances[place].z(1.4 * problem.motor.si("inertia"))
+    z[place] = problem.nuisances[place].z(1.4 * read_motor("ptm3600").si("inertia"))
     by_nuisance, bare = problem.predict(z, {}), problem.predict(np.zeros(z.size), {})
     assert by_effect.runs[0] == pytest.approx(by_nuisance.runs[0], rel=1e-9, nan_ok=True)
     assert np.nanmax(np.abs(by_effect.runs[0] - bare.runs[0])) > 0.1  # rad/s
