@@ -158,11 +158,12 @@ def _fit_one(read: Read, argument: dict[str, Any]) -> dict[str, Any]:
 
     recording, settings = read(Path(argument["folder"])), Settings(**argument["settings"])
     found: Fit | WholeFit
-    if argument["steady_only"] or all(file.kind != "transient" for file in recording.files):
+    parts = as_given([recording])
+    if argument["steady_only"] or (len(parts) == 1 and all(file.kind != "transient" for file in recording.files)):
         quality = fit_quality.judge(recording, settings.seed)
         found = fit.fit(recording, settings.within(STEADY))
     else:
-        used, start, quality = fit_quality.judge_whole(as_given([recording]), settings.seed)
+        used, start, quality = fit_quality.judge_whole(parts, settings.seed)
         found = whole.fit(used, start.comparison, start.base, settings.within(WHOLE))
     return _origin(recording) | {"posterior": as_json(replace(found, quality=quality))}
 

@@ -297,7 +297,7 @@ def _is_number(text: str) -> bool:
 
 def _number(key: str, text: str) -> float:
     try:
-        value = float(text)
+        value = float(text.replace("_", "no number"))  # Python takes 1_0 for 10
     except ValueError:
         raise ConfigError(f"--set {key}: {text[:40]!r} is not a number") from None
     if not np.isfinite(value):

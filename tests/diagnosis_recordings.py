@@ -12,7 +12,7 @@ from model.effects import steady as effect_steady
 from model.effects import transient as effect_transient
 from model.effects.laws import readings_of
 from model.layout import L_MIN, RPM
-from model.motor import read_motor
+from model.motor import Motor, read_motor
 from model.solvers.crank_angle import OMEGA
 from model.solvers.steady import gas_table
 from model.solvers.transient import Supply, rest_state
@@ -28,6 +28,13 @@ pressure_sd_bar = 0.0015
 temperature_c = 20.0
 relative_humidity = 0.0
 {channels(flow_l_min=0.8)}"""
+
+
+def _motor_of(folder: Path) -> Motor:
+    """The motor with what is on its shaft, in the room of a recording."""
+    recording = read_recording(folder)
+    motor = at_ambient(read_motor("ptm3600"), recording)
+    return motor.with_values({"inertia": motor["inertia"].value + recording.added_inertia_kg_m2})
 
 
 def sweep(
@@ -48,7 +55,7 @@ def sweep(
     (folder / "sweep.csv").write_text(
         "time_s,direction,pressure_bar_abs,flow_l_min,speed_rpm\n0.0,up,1.5,30,170\n", encoding="utf-8"
     )
-    motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
+    motor = _motor_of(folder)
     up = np.arange(1.2, 2.45, 0.1)
     true = np.concatenate([up, up[::-1]]) * 1e5
     time = 40.0 * np.arange(true.size)
@@ -94,7 +101,7 @@ def add_coast_down(
     The line is empty later than the samples say, by so many seconds.
     """
     rng = np.random.default_rng(seed)
-    motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
+    motor = _motor_of(folder)
     parameters, readings = motor.vector(), motor.readings.vector()
     line = np.array([level_bar * 1e5])
     start = rest_state(motor, float(rng.random()))
@@ -116,7 +123,7 @@ def add_spin_up(folder: Path, seed: int, chosen: dict[str, dict[str, float]], la
     The air enters later than the samples say, by so many seconds.
     """
     rng = np.random.default_rng(seed)
-    motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
+    motor = _motor_of(folder)
     time = 0.005 * np.arange(1, 121)
     supply = [Supply(-0.6, 2.0e5, False), Supply(0.05 + late, 2.0e5, True)]
     start, begun = rest_state(motor, float(rng.random())), np.append(0.0, time)
@@ -130,7 +137,7 @@ def add_spin_up(folder: Path, seed: int, chosen: dict[str, dict[str, float]], la
 def add_held_rotor(folder: Path, seed: int, leak_kg_s: float) -> Recording:
     """Ten readings at 2.0 bar with the rotor held, beside the sweep of a folder."""
     rng = np.random.default_rng(seed + 1000)
-    motor = at_ambient(read_motor("ptm3600"), read_recording(folder))
+    motor = _motor_of(folder)
     gas = gas_table(motor, [2.0e5])[0]
     volume = leak_kg_s * gas[at.GAS_R] * motor.si("inlet_temperature") / 2.0e5 * L_MIN
     gauge, meter, _ = _errors(seed, folder)

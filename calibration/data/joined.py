@@ -129,6 +129,21 @@ def by_flywheel(recording: Recording) -> list[Recording]:
     ]
 
 
+def flywheel_of_plateaus(recording: Recording) -> float:
+    """Inertia on the shaft while the plateaus were read [kg m2].
+
+    Raises RecordingError when it was not the same at all of them.
+    """
+    parts = [one for one in by_flywheel(recording) if any(file.kind == "steady" for file in one.files)]
+    if len(parts) > 1:
+        raise RecordingError(
+            f"{recording.folder}: plateaus were read with flywheels of "
+            f"{' and '.join(f'{one.added_inertia_kg_m2:g}' for one in parts)} kg m2, and a fit to plateaus alone takes "
+            "one; leave out --steady-only, or the others by --without FILE"
+        )
+    return parts[0].added_inertia_kg_m2 if parts else recording.added_inertia_kg_m2
+
+
 def as_given(recordings: Sequence[Recording], apart: bool = False) -> list[Recording]:
     """Recordings that are diagnosed or fitted together: one wherever they can be one, unless they are to stay apart.
 

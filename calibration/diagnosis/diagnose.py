@@ -160,6 +160,7 @@ def _explain(
         left=residuals.left,
         verdict=verdict,
         held_out=unnamed.held_out,
+        unseen_run=unseen_run,
         term=unnamed.term,
         next_tests=tests,
         bad_rows=said.bad,

@@ -32,6 +32,7 @@ class Diagnosis:
         where that is weighed [-].
     `held_out`: Cross-validation: of the set named, or of the smooth correction where no set explains the recording; or
         the prediction of an unseen run.
+    `unseen_run`: the prediction of a run that was held out, whether the set is named after it or refused.
     `seconds`: time of each step [s].
     `correction`: a smooth torque or flow that stands for what no set explains.
     `nuisances_corrected`: the nuisances and their sd beside such a correction, whichever it is [-].
@@ -51,6 +52,7 @@ class Diagnosis:
     left: dict[tuple[str, ...], float]
     verdict: Verdict
     held_out: HeldOut | None = None
+    unseen_run: HeldOut | None = None
     term: Term | None = None
     next_tests: list[NextTest] = field(default_factory=list)
     bad_rows: list[BadRow] = field(default_factory=list)

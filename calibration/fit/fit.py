@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.data import measurement
+from calibration.data.joined import flywheel_of_plateaus
 from calibration.data.measurement import Measurement
 from calibration.data.refusals import refuse_another_kind, refuse_unusable
 from calibration.fit import posterior, proposed, sampling, store
@@ -121,7 +122,9 @@ def prepare(
         dataclasses.replace(recording, files=tuple(file for file in recording.files if file.kind == "steady"))
     )
     seen = dataclasses.replace(
-        recording, channels={c: f for c, f in recording.channels.items() if _channel_of(c) in measured.channels}
+        recording,
+        added_inertia_kg_m2=flywheel_of_plateaus(recording),
+        channels={c: f for c, f in recording.channels.items() if _channel_of(c) in measured.channels},
     )
     held = with_effects.in_fit(effects, motor, recording, measured)
     found = priors.unknowns(motor, seen) + (held.unknowns() if held else [])

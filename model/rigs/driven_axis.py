@@ -86,18 +86,21 @@ def drive(
     chosen: laws.Chosen,
     clock: float = 0.0,
     ambient: float = AMBIENT_PA,
+    flywheel: float = 0.0,
 ) -> np.ndarray:
     """Mean drive of each block that the motion tells of [N m], shape (m,).
 
     `inertia`: J [kg m2], or a slide's mass [kg].
     `blocks`: the motion.
+    `flywheel`: share of J that the effects leave as it is [kg m2].
     """
     chosen = laws.switched_on(chosen)
     state = _state(friction, blocks, clock, ambient)
     opposing = friction * blocks.speed + np.sign(blocks.speed) * laws.torque(chosen, state)
     ends = blocks.ends
     acceleration = np.diff(blocks.speed[ends]) / np.diff(blocks.time[ends])
-    return inertia * inertia_factor(chosen) * acceleration + blocks.mean(opposing)
+    J = (inertia - flywheel) * inertia_factor(chosen) + flywheel
+    return J * acceleration + blocks.mean(opposing)
 
 
 def _state(friction: float, blocks: Blocks, clock: float, ambient: float) -> State:

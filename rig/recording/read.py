@@ -151,6 +151,12 @@ def _check_used(table: RecordingTable, tables: list[Table | None], toml: str, mi
             there = f"the files have {', '.join(sorted(other))}" if other else "no file has this column"
             mistakes.add(f"{toml}, [channels.{name}]", f"{there}; name the table as the CSV names the column")
     motor = table.motor
+    if isinstance(motor, dict) and "mass_kg" in motor:
+        places = {"[rig]": table.rig} | {f"[[files]] '{shown(entry.file)}'": entry for entry in table.files}
+        for place, of in places.items():
+            if of.added_inertia_kg_m2:
+                what = "added_inertia_kg_m2 beside mass_kg: a slide has no shaft; add it to mass_kg"
+                mistakes.add(f"{toml}, {place}", what)
     if isinstance(motor, dict) and motor.get("kind") == "displacement_machine" and "inertia_kg_m2" not in motor:
         for entry in table.files:
             if entry.kind == "transient":

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from calibration.diagnosis.document import held_out_as_json
 from calibration.diagnosis.result import Diagnosis, of_each_recording
-from calibration.diagnosis.steps.confirm import Predicted
 from rig.recording import Recording, RecordingError
 from spinbench.api.frames import as_html, of_next_tests
 from spinbench.api.opened import Data, at_least, listed, opened_all, said_of
@@ -215,7 +213,7 @@ def diagnose(
 
 def not_predicted(unseen: Recording | None, found: Diagnosis) -> list[str]:
     """That a run was held out for nothing, in a sentence; none where it was predicted, or none was held out."""
-    if unseen is None or (held_out_as_json(found.held_out) or {}).get("kind") == Predicted.UNSEEN_RUN:
+    if unseen is None or found.unseen_run is not None:
         return []
     return [f"{unseen.folder} was not predicted: there is no set of effects to do it with"]
 

@@ -241,6 +241,7 @@ def test_set_of_nothing_changes_nothing():
         ("f_overall", "--set 'f_overall': write NAME=VALUE, for example f_overall=0.0633"),
         ("f_overall=", "write NAME=VALUE"),
         ("f_overall=0,06", "--set f_overall: '0,06' is not a number"),
+        ("f_overall=1_0e-2", "--set f_overall: '1_0e-2' is not a number"),
         ("f_overall=nan", "--set f_overall: 'nan' is not a finite number"),
         ("f_overall=99", "parameters.f_overall: 99 N m s is outside 0.0001..10 N m s"),
         ("torque=eq25", "'readings.torque' should be 'published' or 'virtual_work' (given: 'eq25')"),

@@ -116,6 +116,14 @@ def test_a_slide_needs_its_inertia_and_its_friction_and_dry_friction_with_the_si
     assert set(np.sign(blocks.mean(v)[blocks.used])) == {-1.0, 1.0}
 
 
+def test_another_inertia_of_an_axis_leaves_its_flywheel_as_it_is() -> None:
+    time = np.arange(0.0, 1.0, 0.01)
+    blocks = blocks_of(time, np.zeros(time.size), 3.0 * time, 5, 0.0)
+    heavier, plain = (drive(0.02, 0.0, blocks, {"inertia": {"share": 0.5}}, flywheel=own) for own in (0.015, 0.0))
+    assert heavier == pytest.approx(3.0 * (0.005 * 1.5 + 0.015))
+    assert plain == pytest.approx(3.0 * 0.02 * 1.5)
+
+
 def test_blocks_near_standstill_are_left_out() -> None:
     v = np.linspace(-1.0, 1.0, 101)
     blocks = blocks_of(np.arange(101) * 0.01, v, v, 5, 0.1)

@@ -561,6 +561,15 @@ def test_a_displacement_machine_needs_an_inertia_for_a_transient(tmp_path):
     assert "inertia_kg_m2 is missing" in text
 
 
+@pytest.mark.parametrize("place", ["[rig]", "[[files]]"])
+def test_a_slide_has_no_flywheel(tmp_path, place):
+    toml = RIG.format(kind="transient", motor='kind = "driven_axis"\nmass_kg = 9.0')
+    flywheel = "added_inertia_kg_m2 = 5.0\n"
+    toml = f"{toml}\n[rig]\n{flywheel}" if place == "[rig]" else toml.replace("[[files]]\n", f"[[files]]\n{flywheel}")
+    text = refusal(put(tmp_path / "bench", toml, "time_s,force_n,velocity_m_s\n0,1,-0.1\n1,2,0.1\n"))
+    assert f"recording.toml, {place}" in text and "a slide has no shaft; add it to mass_kg" in text
+
+
 @pytest.mark.parametrize("motor", ['kind = "driven_axis"\nmass_kg = 1.0', 'kind = "driven_axis"\ninertia_kg_m2 = 1.0'])
 def test_a_driven_axis_needs_its_drive(tmp_path, motor):
     text = refusal(put(tmp_path / "bench", RIG.format(kind="steady", motor=motor), "velocity_m_s,speed_rpm\n1,1\n"))

@@ -9,7 +9,8 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ import pytest
 import spinbench as sb
 from calibration.systems.machines.system import systems
 from spinbench.api.arviz_data import arviz_module
+from spinbench.api.diagnosing import not_predicted
 from spinbench.api.frames import of_next_tests
 from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.documented_python import cells_of
@@ -273,6 +275,11 @@ def test_a_run_that_is_held_out_for_nothing_is_told():
     found = sb.diagnose(seen, hold_out=replace(unseen, folder=Path("unseen")))
     assert found.verdict == "consistent"
     assert "unseen was not predicted: there is no set of effects to do it with" in found.remarks
+
+
+def test_a_run_that_was_predicted_no_better_is_not_said_to_be_left_unpredicted():
+    refused: Any = SimpleNamespace(unseen_run=object(), held_out=None)
+    assert not_predicted(rotor(np.random.default_rng(2)), refused) == []
 
 
 def test_a_test_without_a_command_says_what_it_needs():

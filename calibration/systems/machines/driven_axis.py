@@ -83,10 +83,10 @@ class DrivenAxis:
     def predict(self, values: Mapping[str, float], chosen: Chosen) -> list[np.ndarray]:
         """Mean drive of the blocks that are used [N m, N], as `System.predict`."""
         area, chosen = values.get("piston_area", 0.0), loaded(values, chosen)
-        J, ambient = self._table.inertia, self._table.ambient
+        J, flywheel, ambient = self._table.inertia, self._table.flywheel, self._table.ambient
         found = []
         for file, blocks in self._blocks:
-            one = drive(J, values["viscous_friction"], blocks, chosen, file.start_s, ambient)
+            one = drive(J, values["viscous_friction"], blocks, chosen, file.start_s, ambient, flywheel)
             if area:
                 one = one - area * blocks.mean(np.nan_to_num(blocks.pressure - ambient))
             offset = values.get("drive_offset", 0.0) + values.get(f"{file.file}.drive_offset", 0.0)

@@ -25,6 +25,7 @@ class MachineTable:
     `room`: temperature around it [K].
     `slides`: whether it moves along a line and does not turn.
     `inertia`: flywheels included [kg m2]; a slide's mass [kg].
+    `flywheel`: of it, what is mounted on the shaft [kg m2].
     """
 
     recording: Recording
@@ -33,19 +34,20 @@ class MachineTable:
     room: float
     slides: bool
     inertia: float
+    flywheel: float
 
 
 def table_of(recording: Recording, motor: Mapping[str, Any]) -> MachineTable:
     """The rig of a recording."""
-    ambient, slides = recording.ambient, "mass_kg" in motor
+    ambient, flywheel = recording.ambient, recording.added_inertia_kg_m2
     return MachineTable(
         recording,
         motor,
         AMBIENT_PA if ambient.pressure_bar_abs is None else ambient.pressure_bar_abs * BAR,
         ROOM_K if ambient.temperature_c is None else ambient.temperature_c + ZERO_C,
-        slides,
-        float(motor.get("mass_kg") or motor.get("inertia_kg_m2") or 0.0)
-        + (0.0 if slides else recording.added_inertia_kg_m2),
+        "mass_kg" in motor,
+        float(motor.get("mass_kg") or motor.get("inertia_kg_m2") or 0.0) + flywheel,
+        flywheel,
     )
 
 

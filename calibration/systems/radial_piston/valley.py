@@ -12,6 +12,7 @@ from calibration.systems.radial_piston.predict.problem import Prediction
 if TYPE_CHECKING:
     from calibration.systems.radial_piston.comparison import Comparison
 
+LEAST_ROTOR = 0.5  # share of the rotor's inertia that a step leaves, however heavy the flywheel
 STRAIGHT = 0.002  # of f_overall's prior sd: after so small a correction a second is far below what a sweep can tell
 
 
@@ -21,8 +22,8 @@ def along_valley(
     """A step with f_overall set anew, so that the plateaus' speeds do on average what was to be expected of it.
 
     What a sweep says of f_overall is a hundred times sharper than what it says of port lap or roller friction
-    alone: the good fits lie along a curved valley, which a straight step leaves. The inertia goes with f_overall,
-    for their ratio is what a coast-down shows.
+    alone: the good fits lie along a curved valley, which a straight step leaves. The inertia, a flywheel's in it, goes
+    with f_overall, for their ratio is what a coast-down shows.
 
     `z`, `tried`, shape (m,): where from, and the end of the straight step [-].
     `D`, shape (n, m): derivatives there [SI].
@@ -34,6 +35,7 @@ def along_valley(
         return tried
     place, J = names.index("f_overall"), names.index("inertia")
     friction, inertia = comparison.problem.nuisances[place], comparison.problem.nuisances[J]
+    flywheel = comparison.problem.recording.added_inertia_kg_m2
     g = np.where(known, D[speeds, place], 0.0)
     if not np.any(g):
         return tried
@@ -45,7 +47,8 @@ def along_valley(
         by = float(np.clip(g[known] @ missing / (g @ g), -0.05, 0.05))
         found[place] += by
         share = float(friction.value(found[place])) / before
-        found[J] = float(inertia.z(float(inertia.value(found[J])) * share))
+        rotor = float(inertia.value(found[J]))
+        found[J] = float(inertia.z(max(share * (rotor + flywheel) - flywheel, LEAST_ROTOR * rotor)))
         if abs(by) < STRAIGHT:
             break
     return f.clip(found) if np.all(np.isfinite(found)) else tried

@@ -198,6 +198,13 @@ def test_a_flywheel_is_declared_in_the_planned_recording(comparison):
     assert problem.split(np.zeros(len(problem.nuisances)))[0][at.J] == pytest.approx((1.0 + FLYWHEEL) * inertia)
 
 
+def test_beside_a_flywheel_the_words_say_what_is_on_the_shaft_in_all(comparison):
+    mounted = Comparison(Problem(replace(comparison.problem.recording, added_inertia_kg_m2=0.015)))
+    heavy = next(plan for plan in planned(mounted) if "flywheel" in plan.words)
+    assert heavy.words.endswith("with a flywheel of 0.03 kg m2 in all")
+    assert heavy.capture.added_inertia_kg_m2 == heavy.recording.added_inertia_kg_m2 == 0.03
+
+
 @pytest.mark.long
 def test_two_losses_of_pressure_are_parted_by_gauges_at_their_places(comparison, base):
     rivals = [rival(comparison, base, name) for name in ("inlet_throttling", "exhaust_back_pressure")]

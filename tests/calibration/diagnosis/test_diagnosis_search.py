@@ -80,6 +80,19 @@ def test_a_step_along_the_valley_keeps_the_plateaus_speeds(tmp_path: Path) -> No
     assert set(changed) <= {"f_overall", "inertia"}
 
 
+def test_a_step_along_the_valley_keeps_the_friction_over_the_inertia_on_the_shaft(tmp_path: Path) -> None:
+    """A coast-down shows that ratio."""
+    problem = Problem(replace(recordings.sweep(tmp_path, 1, {}), added_inertia_kg_m2=0.015))
+    comparison = Comparison(problem)
+    mode = find(comparison, ())
+    moved = mode.z.copy()
+    moved[problem.place("port_lap")] += 0.5
+    end = Function(comparison, ()).along_valley(mode.z, moved, mode.prediction, mode.D)
+    before, after = (problem.split(z)[0] for z in (mode.z, end))
+    assert after[at.F_OVERALL] != pytest.approx(before[at.F_OVERALL], rel=1e-4)
+    assert after[at.F_OVERALL] / after[at.J] == pytest.approx(before[at.F_OVERALL] / before[at.J])
+
+
 def test_an_unknown_of_one_run_is_differentiated_with_that_run_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,9 +22,10 @@ from calibration.fit.posterior import FAR_OFF
 from calibration.fit.sampling import Settings
 from calibration.report.fit import page as fit_page
 from calibration.report.fit import words as fit_words
+from model import layout
 from model.motor import read_motor
 from model.solvers import steady
-from rig.recording import Column, read_recording, write_recording
+from rig.recording import Column, RecordingError, read_recording, write_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
 from tests.documents import check
 
@@ -368,6 +369,24 @@ def test_the_truth_of_a_practice_sweep_is_inside_the_99_percent_interval():
     found = fits.fit(replace(recording, files=(thin,)), replace(QUICK, effective_samples=300, times_tau=10.0))
     low, high = interval(found, "f_overall")
     assert low < 0.057719849465073164 < high
+
+
+@pytest.mark.parametrize("place", ["rig", "file"])
+def test_a_flywheel_is_on_the_shaft_wherever_it_is_stated(windy, place):
+    seen = read_recording(windy / "bench")
+    likelihood = fits.prepare(seen)[2]
+    files = tuple(replace(file, added_inertia_kg_m2=0.015) for file in seen.files)
+    heavy = replace(seen, added_inertia_kg_m2=0.015) if place == "rig" else replace(seen, files=files)
+    at_z = np.zeros((1, len(likelihood.unknowns)))
+    bare, mounted = (one.split(at_z)[0][0, layout.J] for one in (likelihood, fits.prepare(heavy)[2]))
+    assert mounted == pytest.approx(bare + 0.015)
+
+
+def test_plateaus_with_two_flywheels_are_no_fit_to_plateaus(windy):
+    seen = read_recording(windy / "bench")
+    other = replace(seen.files[0], file="other.csv", added_inertia_kg_m2=0.015)
+    with pytest.raises(RecordingError, match=r"flywheels of 0 and 0\.015 kg m2.*leave out --steady-only"):
+        fits.prepare(replace(seen, files=(*seen.files, other)))
 
 
 def test_a_single_row_is_fitted_and_its_prior_said_to_dominate(put_recording):

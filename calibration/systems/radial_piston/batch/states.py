@@ -126,7 +126,7 @@ def _read(out: np.ndarray, chosen: Chosen, state: State) -> None:
 def _changed(
     chosen: Chosen, parameters: np.ndarray, P: np.ndarray, time: np.ndarray, speed: float = 20.0
 ) -> np.ndarray:
-    """Parameters of each row with the effects in them, at some speed, shape (n_rows, 26)."""
+    """Parameters of each row with the effects in them, at some speed, shape (n_rows, 27)."""
     rows = laws.with_factors(np.tile(parameters, (time.size, 1)), chosen)
     out = np.zeros((time.size, steady.N_OUT))
     out[:, steady.SPEED_OUT], out[:, steady.MASS_FLOW] = speed, 1e-4 * speed

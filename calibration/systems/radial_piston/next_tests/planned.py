@@ -93,7 +93,9 @@ def planned(comparison: Comparison) -> list[Planned]:
             bench.plan(f"coast-down from {level.words}", bench.run(level.read_bar, False), "coast-down", level)
             for level in (middle, highest)
         ]
-        heavy = f"coast-down from {middle.words} with a flywheel of three times the inertia"
+        mounted = bench.seen.added_inertia_kg_m2
+        flywheel = f"{bench.heavier(FLYWHEEL):g} kg m2 in all" if mounted else "three times the inertia"
+        heavy = f"coast-down from {middle.words} with a flywheel of {flywheel}"
         in_time = bench.run(middle.read_bar, False, 1.0 + FLYWHEEL)
         found.append(bench.plan(heavy, in_time, "coast-down", middle, FLYWHEEL))
         found.append(bench.plan(f"spin-up to {highest.words}", bench.run(highest.read_bar, True), "spin-up", highest))
@@ -160,13 +162,16 @@ class _Bench:
         bar_abs = math.floor(100.0 * (read_bar + above) + SAME) / 100.0
         return Level(bar_abs, bar_abs - above, self.is_gauge)
 
+    def heavier(self, flywheel: float) -> float:
+        """Inertia of what is on the shaft with one more flywheel [kg m2]. `flywheel`: in rotors."""
+        return float(f"{self.seen.added_inertia_kg_m2 + flywheel * self.inertia:.2g}")
+
     def plan(
         self, words: str, file: RecordingFile, kind: str = "", level: Level | None = None, flywheel: float = 0.0
     ) -> Planned:
         """A test; ``kind`` as it is captured, ``flywheel`` in rotors."""
         anchor = replace(self.steady(np.array([self.top])), file=ANCHOR)
-        added = self.seen.added_inertia_kg_m2 + flywheel * self.inertia
-        added = float(f"{added:.2g}") if flywheel else added
+        added = self.heavier(flywheel) if flywheel else self.seen.added_inertia_kg_m2
         bar_abs = None if level is None else level.bar_abs
         capture = Capture(kind, bar_abs, added if kind in IN_TIME else 0.0) if kind else None
         return Planned(words, replace(self.seen, files=(anchor, file), added_inertia_kg_m2=added), capture)
