@@ -72,6 +72,7 @@ class TestMotor:
         found = marches.steady(slots.vector(), PRESSURES)
         assert found[:, 0] * slots.RPM == pytest.approx(SPEEDS_HEAT, rel=2e-3)
 
+    @pytest.mark.long
     def test_steady_speeds_without_heat_agree_to_a_fifth_of_a_percent(self, adiabatic):
         assert adiabatic[:, 0] * slots.RPM == pytest.approx(SPEEDS_ADIABATIC, rel=2e-3)
 

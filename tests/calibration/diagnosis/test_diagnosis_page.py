@@ -223,6 +223,7 @@ def test_a_run_that_a_diagnosis_uses_is_said_to_be_left_out_by_a_fit_of_plateaus
     assert not any("coast_down.csv" in note for note in Problem(recording).blocks.measured.notes)
 
 
+@pytest.mark.long
 def test_a_verdict_that_rests_on_bad_readings_alone_tells_the_document_s_probability(clean):
     document = as_json(clean) | {"set_probability": 0.61}
     assert clean.verdict.chosen is None

@@ -202,6 +202,7 @@ def test_a_torque_fixed_to_the_shaft_predicts_a_run_in_which_the_shaft_stood_els
         assert predict_unseen(seen, base, chosen, unseen).gain > 0.0
 
 
+@pytest.mark.long
 def test_a_rival_that_the_screen_at_the_base_model_does_not_see_is_refitted(tmp_path: Path) -> None:
     """Too much air, and a meter that reads low: together they leave the base model a flow that is off by little."""
     both = LEAK | {"flow_offset": {"offset_m3_s": -1.2e-4}}
@@ -507,6 +508,7 @@ def test_a_line_has_no_kink_where_its_two_lags_are_alike() -> None:
         assert one == pytest.approx(slopes[0], abs=0.02 * np.abs(slopes[0]).max())
 
 
+@pytest.mark.long
 def test_air_that_enters_late_is_no_missing_physics(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 6, {})
     comparison = Comparison(Problem(recordings.add_spin_up(tmp_path, 6, {}, late=0.006)))
@@ -561,6 +563,7 @@ def test_a_vented_gauge_that_reads_right_is_consistent(tmp_path: Path) -> None:
     assert as_json(diagnose(with_zero(tmp_path, 1.0135), 1))["verdict"] == "consistent"
 
 
+@pytest.mark.long
 def test_what_pulls_a_nuisance_is_handed_over_to_the_effect_that_has_its_form(tmp_path: Path) -> None:
     """An inertia 0.9 too large is a nuisance pulled by six sds and a share of it: the two multiply to the same."""
     heavy = {"inertia": {"share": 0.9}}

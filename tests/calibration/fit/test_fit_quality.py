@@ -29,6 +29,7 @@ def windy(tmp_path_factory) -> Recording:
     return sweep(tmp_path_factory.mktemp("windy") / "bench", 1, WINDAGE)
 
 
+@pytest.mark.long
 def test_the_number_is_the_diagnosis_own_for_plateaus_and_the_same_seed(clean):
     found = as_json(diagnose(clean, seed=3))
     assert fit_quality.judge(clean, 3).p_value == found["mismatch"]["p_value"]
@@ -79,6 +80,7 @@ def test_without_the_flow_its_errors_are_not_looked_at(tmp_path):
     assert fit_quality.judge(recording, 1, channels=("pressure", "speed")).model_fits
 
 
+@pytest.mark.long
 def test_a_changed_motor_is_the_one_that_is_tested(clean):
     assert not fit_quality.judge(clean, 1, ["cylinder_diameter=22"]).model_fits
     assert fit_quality.judge(clean, 1, ["f_overall=0.05"]).model_fits  # the middle of a prior

@@ -264,6 +264,7 @@ def least_cost(target: Integrated, z: np.ndarray) -> float:
     return integrated
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_is_integrated_out_in_first_order_is_as_likely_as_the_full_model_finds_it(target):
     mode, n = target.mode, target.shared.size
@@ -303,6 +304,7 @@ def test_the_stand_in_knows_what_noise_scales_do_together():
     np.testing.assert_allclose(above[2:], 0.0, atol=1.0)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_stand_in_follows_the_posterior_where_it_was_not_fitted(target, monkeypatch):
     rng = np.random.default_rng(2)

@@ -19,6 +19,7 @@ def test_what_is_left_of_an_effect_is_what_no_allowance_makes():
     assert D2(1e3 * J, J @ [1.0, 2.0, 3.0]) < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_in_a_sweep_with_runs_dry_friction_is_hidden_by_the_roller_friction_not_by_the_line():
     found = costs({"seed": STUDY.first_seed})

@@ -42,6 +42,7 @@ def test_the_same_seed_draws_the_same_case():
     np.testing.assert_array_equal(first.z, second.z)
 
 
+@pytest.mark.long
 def test_truths_lie_where_laplace_says(rows):
     """The distances of f_overall and the sizes in their sds, all together."""
     ranks = [row["laplace"][of]["rank"] for row in rows for of in ("f_overall", "size") if of in row["laplace"]]
