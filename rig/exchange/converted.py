@@ -66,11 +66,6 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     if not converted.columns:
         raise RunError(f"{table.place}: every cell that the mapping takes is empty")
     converted.lines = lines = [table.lines[row] for row in rows]
-    for name, source in mapping.columns.items():
-        if name in converted.columns and not source.differentiate and source.factor != 1.0:
-            column = converted.columns[name]
-            censor = column.censor if source.factor > 0.0 else -column.censor
-            converted.columns[name] = Column(column.values * source.factor, censor)
     _bring_to_inlet(mapping, converted, table.place)
     if isinstance(mapping.motor, str):
         _check(entry, converted, lines, table.place)
@@ -239,7 +234,7 @@ def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converte
         )
     for name, column in converted.columns.items():
         if name in rates:
-            columns[name] = _rate(converted, name, mapping.columns[name].factor, last, place)
+            columns[name] = _rate(converted, name, last, place)
         elif name in _HELD:
             values = held(column.values) if name == "supply_open" else column.values
             columns[name] = Column(values[last], column.censor[last])
@@ -258,11 +253,11 @@ def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converte
     return Converted(converted.entry, columns, direction, {} if size > 1 else converted.cells, notes=converted.notes)
 
 
-def _rate(converted: Converted, name: str, factor: float, last: NDArray[np.intp], place: str) -> Column:
+def _rate(converted: Converted, name: str, last: NDArray[np.intp], place: str) -> Column:
     if "time_s" not in converted.columns:
         raise RunError(f"{place}: {name} is made by differentiating, which needs time_s")
     time = converted.columns["time_s"].values[last]
-    value = converted.columns[name].values[last] * factor
+    value = converted.columns[name].values[last]
     spans = np.diff(time)
     if not (spans > 0.0).all():
         raise RunError(f"{place}: the times do not increase, so that {name} cannot be made of them")

@@ -79,8 +79,8 @@ def read_column(
     if source.drop_repeats:
         repeats = np.append(False, (np.diff(values) == 0.0) & (np.diff(censor) == 0))
         values[repeats], censor[repeats] = math.nan, 0
-    values = values * unit.factor / (source.pulses_per_rev or 1.0) + unit.offset
-    return Column(values, censor), cells
+    values = values * source.factor * unit.factor / (source.pulses_per_rev or 1.0) + unit.offset
+    return Column(values, censor if source.factor > 0.0 else -censor), cells
 
 
 def _values(

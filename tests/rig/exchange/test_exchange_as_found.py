@@ -297,3 +297,10 @@ def test_a_unit_in_a_heading_that_is_another_than_the_mapping_s_is_told(given, h
     columns = SIMPLE.replace('"P"', f'"P {heading}"')
     code, said, _ = given(f"P {heading};n\n2,0;397\n", columns)
     assert (code, "the file says" in said) == (0, told), said
+
+
+def test_a_factor_multiplies_the_source_s_number_before_the_unit_s_zero_counts(given):
+    tenths = '[columns.inlet_temperature_c]\ncolumn = "T"\nunit = "degF"\nfactor = 0.1\nhighest = 680\n'
+    code, said, made = given("P;n;T\n2,0;397;680\n2,2;450;500\n", SIMPLE + tenths)
+    cells = [float(row.split(",")[2]) for row in made.splitlines()[1:]]
+    assert (code, said, cells) == (0, "", pytest.approx([20.0, 10.0]))
