@@ -261,5 +261,11 @@ def _rate(converted: Converted, name: str, last: NDArray[np.intp], place: str) -
     spans = np.diff(time)
     if not (spans > 0.0).all():
         raise RunError(f"{place}: the times do not increase, so that {name} cannot be made of them")
-    rate = np.concatenate(([np.nan], np.diff(value) / spans))
+    off = converted.columns[name].censor[last] != 0
+    lost = off[1:] | off[:-1]
+    if lost.any():
+        converted.notes.append(
+            f"{place}: {lost.sum()} rates of {name} left out: a value that they are made of is off scale"
+        )
+    rate = np.concatenate(([np.nan], np.where(lost, np.nan, np.diff(value) / spans)))
     return Column(rate, np.zeros(last.size, dtype=np.int8))

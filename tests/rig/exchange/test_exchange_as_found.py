@@ -304,3 +304,14 @@ def test_a_factor_multiplies_the_source_s_number_before_the_unit_s_zero_counts(g
     code, said, made = given("P;n;T\n2,0;397;680\n2,2;450;500\n", SIMPLE + tenths)
     cells = [float(row.split(",")[2]) for row in made.splitlines()[1:]]
     assert (code, said, cells) == (0, "", pytest.approx([20.0, 10.0]))
+
+
+def test_no_rate_is_made_of_what_is_off_scale(given):
+    files = '[[files]]\nfile = "data.csv"\nkind = "transient"\n'
+    turned = SIMPLE.replace('"n"\nunit = "rpm"', '"a"\nunit = "rev"\ndifferentiate = true\nhighest = 20')
+    clock = "[columns.time_s]\nsample_period_s = 1.0\n"
+    code, said, made = given("P;a\n2,0;0\n2,0;10\n2,0;OL\n2,0;OL\n2,0;20\n2,0;20\n", turned + clock + files)
+    assert (code, "3 rates of speed_rpm left out: a value that they are made of is off scale" in said) == (0, True), (
+        said
+    )
+    assert [row.split(",")[1] for row in made.splitlines()[1:]] == ["", "600.0", "", "", "", "0.0"]
