@@ -19,10 +19,11 @@ from rig.exchange.tables import Table, read_table
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
 from rig.recording.columns import FIGURES, MEASURED, NUMERIC, OF_CHANNEL, PRESSURE, ROLES
+from rig.recording.files import beside, sync_folder
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of, motor_of
 from rig.recording.write import PlaceError
-from rig.runlog.folder import RunError, sha256_of
+from rig.runlog.folder import A_FILE, RunError, make_folder, sha256_of
 from rig.runlog.plateaus import QUANTITIES
 from rig.runlog.rows import utc_text
 from rig.runlog.schema import CAPTURE, ZERO, AmbientRecord, ChannelRecord, ClockRecord, DeviceRecord, StartRecord
@@ -76,15 +77,35 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path, tell: Tell
         capture_of(part, times_ns)  # which may refuse it
         if part.entry.noise_scale != 1.0:
             tell(f"{part.entry.file}: a run has no noise_scale; make a recording with -o, or it counts as 1")
-    start = _start(mapping, columns)
-    with RunWriter.create(Path(root), start, wire=False) as writer:
-        for path in sorted({path for path, _ in _entries(files, mapping)}):
-            writer.event("import", 0, file=path.name, sha256=sha256_of(path))
-        plateaus = 0
-        for part, times_ns in zip(parts, times, strict=True):
-            plateaus = _write_part(writer, part, times_ns, plateaus)
-        writer.end("finished")
-    return writer.folder
+    paths = sorted({path for path, _ in _entries(files, mapping)})
+    return _write_run(_start(mapping, columns), paths, list(zip(parts, times, strict=True)), Path(root))
+
+
+def _write_run(
+    start: StartRecord, paths: Sequence[Path], parts: Sequence[tuple[Converted, list[int]]], root: Path
+) -> Path:
+    """Write the parts, with their times [ns], as a run, hidden until it is whole: half of one would be a killed run."""
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise RunError(f"{root}: {A_FILE}") from None
+    with beside(root) as hidden:
+        try:
+            with RunWriter.create(hidden, start, wire=False) as writer:
+                for path in paths:
+                    writer.event("import", 0, file=path.name, sha256=sha256_of(path))
+                plateaus = 0
+                for part, times_ns in parts:
+                    plateaus = _write_part(writer, part, times_ns, plateaus)
+                sealed = writer.end("finished")
+            if sealed.outcome != "finished":  # the disk does not keep it
+                raise RunError(sealed.reason)
+        except RunError as error:
+            raise RunError(f"{str(error).replace(str(hidden), str(root))}; no run was made") from None
+        folder = make_folder(root, writer.name)
+        writer.folder.rename(folder)
+    sync_folder(root)
+    return folder
 
 
 def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path, tell: Tell = lambda words: None) -> Path:

@@ -10,6 +10,7 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from rig.exchange.guess.proposal import propose
+from rig.runlog import RunWriter
 from tests.rig.runlog.test_runlog_import import CLOCKED, HEAD, SIMPLE, put, workbook  # noqa: F401 - a fixture
 
 ROWS = "2,0;397,1\n2,2;450,2\n2,4;500,3\n"
@@ -315,3 +316,31 @@ def test_no_rate_is_made_of_what_is_off_scale(given):
         said
     )
     assert [row.split(",")[1] for row in made.splitlines()[1:]] == ["", "600.0", "", "", "", "0.0"]
+
+
+def full(writer, row):
+    writer._failure = (
+        f"{writer.folder / 'plateaus.csv'}: cannot be written (No space left on device); the run ends here"
+    )
+    writer._check()
+
+
+def interrupted(writer, row):
+    raise KeyboardInterrupt
+
+
+FAILS = {
+    "a full disk": (full, 2, "No space left on device); the run ends here; no run was made\n"),
+    "Ctrl-C": (interrupted, 130, "interrupted; nothing was imported\n"),
+}
+
+
+@pytest.mark.parametrize("name", FAILS)
+def test_half_a_run_is_not_there(put, tmp_path, spinbench_here, monkeypatch, name):  # noqa: F811 - the fixture
+    fails, code, said = FAILS[name]
+    put("map.toml", HEAD + SIMPLE), put("data.csv", "P;n\n" + ROWS)
+    monkeypatch.setattr(RunWriter, "plateau", fails)
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", "--logs", "logs", cwd=tmp_path)
+    assert (done.returncode, done.stderr.endswith(said), done.stderr.count("\n")) == (code, True, 1), done.stderr
+    assert list((tmp_path / "logs").iterdir()) == []
+    assert ".spinbench-" not in done.stderr
