@@ -242,16 +242,18 @@ def _names(parts: Sequence[Converted]) -> list[str]:
 def _of_sources(text: str, folder: Path, names: Sequence[str], parts: Sequence[Converted], mapping: Mapping) -> str:
     """What is wrong with a recording that was not written, told of the files that it would be made of."""
     for name, part in zip(names, parts, strict=True):
-        there = re.escape(str(folder / name))
+        there = rf"(?<!\S){re.escape(str(folder / name))}"
 
         def of_source(found: re.Match[str], part: Converted = part) -> str:
-            line, column = part.lines[int(found[1]) - 1], found[2]
-            heading = f", column {column}" if column else ""
-            return f"{part.entry.file}, line {line}{heading}"
+            line = f", line {part.lines[int(found[1]) - 1]}" if found[1] else ""
+            return f"{part.entry.file}{line}{f', column {found[2]}' if found[2] else ''}"
 
-        text = re.sub(rf"{there}, row (\d+)(?:, column (\w+))?", of_source, text)
-        text = text.replace(str(folder / name), part.entry.file)
-    return text.replace(f"{folder}/recording.toml", str(mapping.path)).replace(str(folder), str(mapping.path))
+        text = re.sub(rf"{there}(?:, row (\d+)(?:, column (\w+))?)?", of_source, text)
+    # The folder may be called as anything in the text, such as bar: it is one where a line begins with it.
+    there = re.escape(str(folder))
+    return re.sub(
+        rf"(?<!\S){there}/recording\.toml|^{there}(?=[:,])", lambda _: str(mapping.path), text, flags=re.MULTILINE
+    )
 
 
 def _channel(mapping: Mapping, name: str) -> Channel:

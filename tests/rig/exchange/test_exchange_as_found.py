@@ -344,3 +344,15 @@ def test_half_a_run_is_not_there(put, tmp_path, spinbench_here, monkeypatch, nam
     assert (done.returncode, done.stderr.endswith(said), done.stderr.count("\n")) == (code, True, 1), done.stderr
     assert list((tmp_path / "logs").iterdir()) == []
     assert ".spinbench-" not in done.stderr
+
+
+@pytest.mark.parametrize("out", ["bar", "in", "r"])
+def test_an_error_is_whole_whatever_the_recording_is_to_be_called(put, tmp_path, spinbench_here, out):  # noqa: F811
+    columns = SIMPLE.replace("bar_abs", "bar_gauge").replace("bar abs", "bar gauge")
+    put("map.toml", HEAD + columns), put("data.csv", "P;n\n2,0;397\n-900;450\n")
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", "-o", out, cwd=tmp_path)
+    told = "data.csv, line 3, column pressure_bar_gauge: '-900.0': expected gauge inlet pressure, -1.1 to 40 bar; check"
+    assert (done.returncode, done.stderr) == (2, f"spinbench: {told} the unit and the reading\n")
+    put("map.toml", HEAD + columns + "[ambient]\npressure_bar_abs = 17.0\n"), put("data.csv", "P;n\n2,0;397\n")
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", "-o", out, cwd=tmp_path)
+    assert (done.returncode, "map.toml" in done.stderr, "bar" in done.stderr) == (2, True, True), done.stderr
