@@ -31,6 +31,7 @@ from rig.runlog.start import source, versions
 from rig.runlog.writer import RunWriter
 
 DEVICE = "import"
+MOST_NAME = 255
 SAMPLED = (*QUANTITIES, "supply_open")
 COLUMN_OF = {role: OF_CHANNEL[role].column for role in ROLES if role != "pressure"}
 
@@ -118,7 +119,8 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path, tell
     parts = _converted(files, mapping, tell)
     paths = sorted({path for path, _ in _entries(files, mapping)})
     lines = [mapping.file.title, f"source: {mapping.file.source}", f"licence: {mapping.file.licence}"]
-    lines += [f"imported with {mapping.path.name} from {path.name}, SHA-256 {sha256_of(path)}" for path in paths]
+    named = [(shown(mapping.path.name, MOST_NAME), shown(path.name, MOST_NAME), sha256_of(path)) for path in paths]
+    lines += [f"imported with {by} from {name}, SHA-256 {sha256}" for by, name, sha256 in named]
     lines += [words for part in parts for words in part.notes]
     Path(folder).parent.mkdir(parents=True, exist_ok=True)
     _write(parts, mapping, Path(folder), "\n".join(lines) + "\n")
@@ -184,6 +186,7 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
         part.notes += [f"{table.place}: {table.clocks}; on one time line, with empty cells between"] * bool(
             table.clocks
         )
+        part.notes = [shown(words, len(words)) for words in part.notes]  # a file's name may hold anything
         for words in part.notes:
             tell(words)
         if entry.kind == "transient" and "time_s" not in part.columns:

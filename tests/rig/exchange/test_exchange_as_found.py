@@ -1,5 +1,6 @@
 """Tables as loggers and offices leave them: nothing is lost, moved or made up without a word; or it is refused."""
 
+import os
 import zipfile
 
 import h5py
@@ -356,3 +357,18 @@ def test_an_error_is_whole_whatever_the_recording_is_to_be_called(put, tmp_path,
     put("map.toml", HEAD + columns + "[ambient]\npressure_bar_abs = 17.0\n"), put("data.csv", "P;n\n2,0;397\n")
     done = spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", "-o", out, cwd=tmp_path)
     assert (done.returncode, "map.toml" in done.stderr, "bar" in done.stderr) == (2, True, True), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [(b"caf\xe9.csv", r"caf\udce9.csv"), (b"a\x1b[31m.csv", r"a\x1b[31m.csv"), (b"a\nb.csv", r"a\nb.csv")],
+)
+def test_a_file_may_be_called_anything(put, tmp_path, spinbench_here, name, told):  # noqa: F811 - the fixture
+    source = os.fsdecode(name)
+    put("map.toml", HEAD + SIMPLE), put(source, "P;n\n2,0;397\n2,2;OL\n")
+    done = spinbench_here("runs", "import", source, "--mapping", "map.toml", "-o", "out", cwd=tmp_path)
+    assert (done.returncode, f"spinbench: {told}, column 'n': over range 1 times" in done.stderr) == (0, True), done
+    assert f"imported with map.toml from {told}, SHA-256" in (tmp_path / "out" / "notes.txt").read_text()
+    put(source, "P;n\n2,0;397\n2,2;kaputt\n")
+    done = spinbench_here("runs", "import", source, "--mapping", "map.toml", "-o", "out2", cwd=tmp_path)
+    assert (done.returncode, "line 3" in done.stderr, "\x1b" in done.stderr) == (2, True, False)

@@ -1,6 +1,7 @@
 """A run's samples in the formats of others: each file, read by another maker's reader, holds what the run holds."""
 
 import json
+import os
 import subprocess
 import sys
 import warnings
@@ -238,6 +239,12 @@ def test_a_full_disk_leaves_nothing_half_written(run, tmp_path, ending, most):
     command = [sys.executable, "-B", "-W", "ignore", "-c", FULL, str(run.folder), str(file), str(most)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, "cannot be written" in done.stdout) == (2, True), done
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_that_a_format_does_not_take_is_told_as_that(run, tmp_path):
+    with pytest.raises(RunError, match="this format takes no name that is not UTF-8; give another"):
+        export_samples(run, tmp_path / os.fsdecode(b"caf\xe9.parquet"))
     assert list(tmp_path.iterdir()) == []
 
 
