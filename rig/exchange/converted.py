@@ -204,6 +204,12 @@ def _bring_to_inlet(mapping: MappingFile, converted: Converted, place: str) -> N
         temperature = np.full(pressure.size, ambient.temperature_c)
     else:
         raise RunError(f"{place}: the flow's unit needs inlet_temperature_c, or [ambient] temperature_c")
+    if not (np.isnan(pressure) | (pressure > 0.0)).all():
+        row = int((pressure <= 0.0).argmax())
+        raise RunError(
+            f"{place}, line {converted.lines[row]}: the inlet's pressure is {pressure[row]:g} bar abs, and the flow's "
+            "unit needs one above 0; check the unit and the reading, and with a gauge the room's pressure"
+        )
     ratio = (standard.pressure_bar_abs / pressure) * (temperature + ZERO_C) / (standard.temperature_c + ZERO_C)
     if isinstance(standard, RotameterTable):
         ratio = np.sqrt(ratio * MOLAR_MASS[standard.gas] / MOLAR_MASS["air"])

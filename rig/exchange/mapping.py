@@ -44,6 +44,15 @@ INVALID = (
     ),
     *(mark * count for mark in "-*" for count in range(1, 9)),
 )
+
+
+def _is_factor(value: float) -> float:
+    if not 1e-12 <= abs(value) <= 1e12:
+        raise ValueError("the size of a factor, of either sign, lies between 1e-12 and 1e12")
+    return value
+
+
+Factor = Annotated[float, pydantic.AfterValidator(_is_factor)]
 Whole = Annotated[int, Field(ge=1, le=10_000_000)]
 
 
@@ -70,7 +79,7 @@ class ColumnTable(Strict):
     constant: float | None = None  # in `unit`
     sample_period_s: Positive | None = None  # of `time_s`, where the source has no times
     unit: str = ""
-    factor: float = 1.0  # of the source's number, such as -1 for a sign; the unit is that of the product
+    factor: Factor = 1.0  # of the source's number, such as -1 for a sign; the unit is that of the product
     pulses_per_rev: Positive | None = None  # of a pulse rate
     standard: StandardTable | None = None  # of a standard flow
     rotameter: RotameterTable | None = None  # of a flow that is read on a scale made for one state of one gas

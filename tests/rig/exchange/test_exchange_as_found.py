@@ -372,3 +372,18 @@ def test_a_file_may_be_called_anything(put, tmp_path, spinbench_here, name, told
     put(source, "P;n\n2,0;397\n2,2;kaputt\n")
     done = spinbench_here("runs", "import", source, "--mapping", "map.toml", "-o", "out2", cwd=tmp_path)
     assert (done.returncode, "line 3" in done.stderr, "\x1b" in done.stderr) == (2, True, False)
+
+
+@pytest.mark.parametrize("factor", ["0.0", "1e308", "-1e-300"])
+def test_a_factor_that_makes_no_reading_is_refused(given, factor):
+    code, said, _ = given("P;n\n2,0;397\n", SIMPLE + f"factor = {factor}\n")
+    assert (code, "columns.speed_rpm.factor" in said, "lies between 1e-12 and 1e12" in said) == (2, True, True), said
+
+
+@pytest.mark.parametrize(("pressure", "words"), [("0", "0 bar abs"), ("-1,5", "-1.5 bar abs")])
+def test_a_standard_flow_beside_no_pressure_is_one_error_of_the_pressure(given, pressure, words):
+    flow = '[columns.flow_l_min]\ncolumn = "Q"\nunit = "NL/min"\n'
+    state = "standard = {pressure_bar_abs = 1.013, temperature_c = 0.0}\n[ambient]\ntemperature_c = 20.0\n"
+    code, said, _ = given(f"P;n;Q\n2,0;397;40\n{pressure};450;50\n", SIMPLE + flow + state)
+    assert (code, said.count("\n")) == (2, 1), said
+    assert said.startswith(f"spinbench: data.csv, line 3: the inlet's pressure is {words}, and the flow's unit needs")
