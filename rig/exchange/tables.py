@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.exchange.binary.apart import read_apart
-from rig.exchange.binary.columns import MAX_BYTES, MAX_SERIES, Cells
+from rig.exchange.binary.columns import MAX_BYTES, MAX_SERIES, Cells, no_column
 from rig.exchange.mapping import TableTable
 from rig.exchange.workbook import read_sheet
 from rig.recording.mistakes import shown
@@ -87,8 +87,7 @@ class Table:
                 f"{self.place}: {len(found)} columns are called '{shown(key)}'; "
                 f"give the place of one: column = {places}"
             )
-        listed = ", ".join(f"'{shown(heading)}'" for heading in self.headings[:40]) or "the file has no headings"
-        raise RunError(f"{self.place}: no column is called '{shown(key)}'; there are {listed}{self.hint}")
+        raise RunError(f"{self.place}: {no_column(key, self.headings)}{self.hint}")
 
 
 def read_table(

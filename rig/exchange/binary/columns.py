@@ -52,6 +52,19 @@ def by_name(wanted: Wanted) -> bool:
     return bool(wanted) and all(isinstance(key, str) for key in wanted)
 
 
+def refuse_unknown(place: str, wanted: Wanted, names: Sequence[str]) -> None:
+    """Refuse a heading that is none of the file's, with all that it has. `names`: of every column there."""
+    for key in wanted:
+        if isinstance(key, str) and key not in (*names, WAVEFORM_TIME):
+            raise RunError(f"{place}: {no_column(key, names)}")
+
+
+def no_column(key: str, names: Sequence[str]) -> str:
+    """In words, that a heading is not there, and which are."""
+    listed = ", ".join(f"'{shown(name)}'" for name in names[:40]) + ", .." * (len(names) > 40)
+    return f"no column is called '{shown(key)}'; there are {listed or 'none: the file has no headings'}"
+
+
 def cells_of(array: np.ndarray, place: str) -> Cells:
     """An array's cells. Raises RunError for what is neither numbers nor text."""
     if array.dtype.kind == "M":

@@ -11,7 +11,17 @@ from typing import Any
 import numpy as np
 
 from rig.exchange.binary.clocks import NS, Channel, Clock, on_one_time_line
-from rig.exchange.binary.columns import FEW, MAX_BYTES, Cells, Columns, Listed, Wanted, by_name, cells_of
+from rig.exchange.binary.columns import (
+    FEW,
+    MAX_BYTES,
+    Cells,
+    Columns,
+    Listed,
+    Wanted,
+    by_name,
+    cells_of,
+    refuse_unknown,
+)
 from rig.exchange.binary.marks import marked
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
@@ -28,6 +38,7 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
         listed = ", ".join(f"'{shown(found)}'" for found in groups)
         raise RunError(f"{path}: name the group of channels in [table]: group = one of {listed or 'none: it is empty'}")
     place = f"{path}, group '{shown(name)}'"
+    refuse_unknown(place, wanted, [channel.name for channel in groups[name]])
     taken = [channel for channel in groups[name] if not by_name(wanted) or channel.name in wanted]
     return on_one_time_line(
         place, [_channel(channel, groups[name], pieces.get(channel.path, []), place) for channel in taken], wanted
