@@ -397,5 +397,5 @@ def test_a_column_that_is_not_there_is_refused_with_all_that_are(reader, tmp_pat
     else:
         path = tmp_path / f"data.{reader}"
         WRITE[reader](path)
-    with pytest.raises(RunError, match="no column is called 'n'; there are 'P', 'drehzahl', 'note'$"):
+    with pytest.raises(RunError, match=r"no column is called 'n'; there are 'P', 'drehzahl', 'note'$"):
         imported(path, mapping_text(reader, kind="steady", pressure_bar_abs="P", speed_rpm="n"))
