@@ -15,6 +15,8 @@ MAX_SERIES = 4096
 MAX_ROWS = 20_000_000
 FEW = 60  # cells that a listing shows
 WAVEFORM_TIME = "@time"  # the time track of channels that have clocks
+# Of TDMS.
+OF_A_RUN = "of a run's export one channel at a time: to import several, export it as .parquet, .h5 or .mf4"
 Cells = list[str] | list[float]
 Wanted = Sequence[str | int]
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import warnings
@@ -13,6 +14,7 @@ import pyfive
 import pytest
 from nptdms import TdmsFile
 
+from rig.exchange.guess.proposal import propose
 from rig.exchange.importing import import_recording
 from rig.exchange.mapping import read_mapping
 from rig.exchange.samples.channels import BESIDE
@@ -202,6 +204,15 @@ def test_a_group_of_an_exported_tdms_file_is_imported_with_its_marks(run, files,
     samples = run.samples[run.samples["channel"] == FLOW]
     np.testing.assert_array_equal(file.columns[FLOW].values, samples["value"])
     np.testing.assert_array_equal(file.columns[FLOW].censor, samples["censored"])
+
+
+def test_an_exported_tdms_file_says_which_format_can_be_imported_whole(files, tmp_path):
+    told = "of a run's export one channel at a time: to import several, export it as .parquet, .h5 or .mf4"
+    assert f"# Unsure: one file has one group, {told}; the columns below are of all\n" in propose(files[".tdms"])
+    text = MAPPING.format(reader="tdms", table="") + COLUMN.format(name=FLOW, column="value", unit="L/min")
+    (tmp_path / "map.toml").write_text(text)
+    with pytest.raises(RunError, match=re.escape(told)):
+        import_recording([files[".tdms"]], read_mapping(tmp_path / "map.toml"), tmp_path / "recording")
 
 
 def test_a_killed_run_and_a_name_that_is_taken_are_refused(run, tmp_path):
