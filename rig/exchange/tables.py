@@ -230,7 +230,7 @@ def _of_rows(
 
 
 def _xlsx(path: Path, table: TableTable, sheet: str, taken: Sequence[int] | None) -> Table:
-    one, begin = read_sheet(path, sheet), table.heading_line
+    one, begin = read_sheet(path, sheet, table.decimal or "."), table.heading_line
     rows = one.rows
     headings = rows[begin - 1] if 0 < begin <= len(rows) else []
     first = table.first_line or begin + 1

@@ -387,3 +387,9 @@ def test_a_standard_flow_beside_no_pressure_is_one_error_of_the_pressure(given, 
     code, said, _ = given(f"P;n;Q\n2,0;397;40\n{pressure};450;50\n", SIMPLE + flow + state)
     assert (code, said.count("\n")) == (2, 1), said
     assert said.startswith(f"spinbench: data.csv, line 3: the inlet's pressure is {words}, and the flow's unit needs")
+
+
+def test_a_decimal_comma_of_a_workbook_is_of_its_cells_of_text(given):
+    text = '<c r="A3" t="inlineStr"><is><t>2,25</t></is></c>'
+    code, said, made = given(sheet(text), SIMPLE, "xlsx", 'decimal = ","\nsheet = "one"\n')
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", "2.25,450.0"]), said
