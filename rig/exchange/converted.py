@@ -144,6 +144,9 @@ def _rows(entry: FileTable, table: Table, reads: Cell) -> list[int]:
     """Which rows of the table are taken."""
     count = len(table.columns[0])
     first, last = entry.rows or (1, count)
+    if entry.rows and not first <= last <= count:
+        why = "the first comes behind the last" if first > last else f"the last of them is row {count}"
+        raise RunError(f"{table.place}: rows = [{first}, {last}] of [[files]]: {why}; its rows count from 1")
     rows = range(max(first - 1, 0), min(last, count))
     if entry.only is None:
         return list(rows)

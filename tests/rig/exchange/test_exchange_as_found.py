@@ -393,3 +393,20 @@ def test_a_decimal_comma_of_a_workbook_is_of_its_cells_of_text(given):
     text = '<c r="A3" t="inlineStr"><is><t>2,25</t></is></c>'
     code, said, made = given(sheet(text), SIMPLE, "xlsx", 'decimal = ","\nsheet = "one"\n')
     assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", "2.25,450.0"]), said
+
+
+def test_readings_without_times_are_counted_once(put, tmp_path, spinbench_here):  # noqa: F811 - the fixture
+    put("map.toml", HEAD + SIMPLE)
+    put("data.csv", "P;n\n2,0;397\n2,2;450\n2,4;500\n")
+    assert spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", cwd=tmp_path).returncode == 0
+    done = spinbench_here("runs", "export", "last", "-o", "out", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("of 3 readings in the plateaus, 3 unverified")) == (0, 2), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("rows", "why"), [("[1, 500]", "the last of them is row 3"), ("[3, 1]", "the first comes behind the last")]
+)
+def test_rows_that_are_not_there_are_refused(given, rows, why):
+    files = f'[[files]]\nfile = "data.csv"\nkind = "steady"\nrows = {rows}\n'
+    code, said, _ = given("P;n\n2,0;397\n2,2;450\n2,4;500\n", SIMPLE + files)
+    assert (code, f"data.csv: rows = {rows} of [[files]]: {why}" in said) == (2, True), said
