@@ -124,7 +124,9 @@ def _csv(path: Path, table: TableTable, taken: Sequence[int] | None) -> Table:
     try:
         text = data.decode(table.encoding).removeprefix("\ufeff")
     except UnicodeError:
-        raise RunError(f"{path}: not {table.encoding} text; say its encoding in [table]") from None
+        raise RunError(
+            f"{path}: not {table.encoding} text; say its encoding in [table] or, of a file that is no text, its reader"
+        ) from None
     lines, begin = lines_of(text), table.heading_line
     rows = _records(path, lines, begin or 1, table)
     _, headings = next(rows, (0, [])) if begin else (0, [])

@@ -410,3 +410,22 @@ def test_rows_that_are_not_there_are_refused(given, rows, why):
     files = f'[[files]]\nfile = "data.csv"\nkind = "steady"\nrows = {rows}\n'
     code, said, _ = given("P;n\n2,0;397\n2,2;450\n2,4;500\n", SIMPLE + files)
     assert (code, f"data.csv: rows = {rows} of [[files]]: {why}" in said) == (2, True), said
+
+
+CURES = {
+    "a link": (lambda path: path.symlink_to("other.csv"), "a symbolic link, which is refused; give the file itself"),
+    "a folder": (lambda path: path.mkdir(), "is not a plain file, but a folder; give a file"),
+    "a pipe": (os.mkfifo, "is not a plain file, but a pipe or a device; give a file"),
+    "no text": (
+        lambda path: savemat(path, {"P": [1.0, 2.0]}, appendmat=False),
+        "or, of a file that is no text, its reader",
+    ),
+    "times of day": ("t;P;n\n10:00:00;2,0;397\n", 'say how it is written: unit = "hh:mm:ss", "ISO" or another'),
+}
+
+
+@pytest.mark.parametrize("name", CURES)
+def test_an_error_says_what_to_do(given, name):
+    content, words = CURES[name]
+    code, said, _ = given(content, SIMPLE + CLOCKED.format("s"))
+    assert (code, words in said) == (2, True), said
