@@ -78,7 +78,7 @@ class _Examination:
         if not devices:
             return [Finding(Level.WARNING, where, "no device is on it", "delete it from the bench file")]
         if table.kind == "keyboard":
-            return [Finding(Level.OK, where, f"a person reads {', '.join(devices)}")]
+            return [Finding(Level.OK, where, f"a person reads its instruments: {', '.join(devices)}")]
         port = self.ports(name, table, self.clock)
         path = str(getattr(port, "path", table.port)) if table.kind == "serial" else ""
         if "virtual" in (path, getattr(port, "host", "")):

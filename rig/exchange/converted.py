@@ -66,11 +66,6 @@ def convert(mapping: MappingFile, entry: FileTable, table: Table) -> Converted:
     if not converted.columns:
         raise RunError(f"{table.place}: every cell that the mapping takes is empty")
     converted.lines = lines = [table.lines[row] for row in rows]
-    for name, source in mapping.columns.items():
-        if name in converted.columns and not source.differentiate and source.factor != 1.0:
-            column = converted.columns[name]
-            censor = column.censor if source.factor > 0.0 else -column.censor
-            converted.columns[name] = Column(column.values * source.factor, censor)
     _bring_to_inlet(mapping, converted, table.place)
     if isinstance(mapping.motor, str):
         _check(entry, converted, lines, table.place)
@@ -149,6 +144,9 @@ def _rows(entry: FileTable, table: Table, reads: Cell) -> list[int]:
     """Which rows of the table are taken."""
     count = len(table.columns[0])
     first, last = entry.rows or (1, count)
+    if entry.rows and not first <= last <= count:
+        why = "the first comes behind the last" if first > last else f"the last of them is row {count}"
+        raise RunError(f"{table.place}: rows = [{first}, {last}] of [[files]]: {why}; its rows count from 1")
     rows = range(max(first - 1, 0), min(last, count))
     if entry.only is None:
         return list(rows)
@@ -209,6 +207,12 @@ def _bring_to_inlet(mapping: MappingFile, converted: Converted, place: str) -> N
         temperature = np.full(pressure.size, ambient.temperature_c)
     else:
         raise RunError(f"{place}: the flow's unit needs inlet_temperature_c, or [ambient] temperature_c")
+    if not (np.isnan(pressure) | (pressure > 0.0)).all():
+        row = int((pressure <= 0.0).argmax())
+        raise RunError(
+            f"{place}, line {converted.lines[row]}: the inlet's pressure is {pressure[row]:g} bar abs, and the flow's "
+            "unit needs one above 0; check the unit and the reading, and with a gauge the room's pressure"
+        )
     ratio = (standard.pressure_bar_abs / pressure) * (temperature + ZERO_C) / (standard.temperature_c + ZERO_C)
     if isinstance(standard, RotameterTable):
         ratio = np.sqrt(ratio * MOLAR_MASS[standard.gas] / MOLAR_MASS["air"])
@@ -239,7 +243,7 @@ def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converte
         )
     for name, column in converted.columns.items():
         if name in rates:
-            columns[name] = _rate(converted, name, mapping.columns[name].factor, last, place)
+            columns[name] = _rate(converted, name, last, place)
         elif name in _HELD:
             values = held(column.values) if name == "supply_open" else column.values
             columns[name] = Column(values[last], column.censor[last])
@@ -258,13 +262,19 @@ def _thinned(mapping: MappingFile, converted: Converted, place: str) -> Converte
     return Converted(converted.entry, columns, direction, {} if size > 1 else converted.cells, notes=converted.notes)
 
 
-def _rate(converted: Converted, name: str, factor: float, last: NDArray[np.intp], place: str) -> Column:
+def _rate(converted: Converted, name: str, last: NDArray[np.intp], place: str) -> Column:
     if "time_s" not in converted.columns:
         raise RunError(f"{place}: {name} is made by differentiating, which needs time_s")
     time = converted.columns["time_s"].values[last]
-    value = converted.columns[name].values[last] * factor
+    value = converted.columns[name].values[last]
     spans = np.diff(time)
     if not (spans > 0.0).all():
         raise RunError(f"{place}: the times do not increase, so that {name} cannot be made of them")
-    rate = np.concatenate(([np.nan], np.diff(value) / spans))
+    off = converted.columns[name].censor[last] != 0
+    lost = off[1:] | off[:-1]
+    if lost.any():
+        converted.notes.append(
+            f"{place}: {lost.sum()} rates of {name} left out: a value that they are made of is off scale"
+        )
+    rate = np.concatenate(([np.nan], np.where(lost, np.nan, np.diff(value) / spans)))
     return Column(rate, np.zeros(last.size, dtype=np.int8))

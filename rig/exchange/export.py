@@ -227,8 +227,9 @@ def _digest(run: Run) -> str:
 def _counted(run: Run, channels: dict[str, str], plateaus: list[PlateauRow]) -> list[str]:
     """What there was beside checked readings, in the plateaus that were taken."""
     notes = []
+    spans = dict.fromkeys((plateau.start_s, plateau.end_s) for plateau in plateaus)  # without times all have one
     for name, channel in channels.items():
-        found = [series(run, channel, plateau.start_s, plateau.end_s) for plateau in plateaus]
+        found = [series(run, channel, *span) for span in spans]
         unusable, unverified = sum(one.unusable for one in found), sum(one.unverified for one in found)
         if unusable or unverified:
             total = unusable + sum(one.value.size for one in found)

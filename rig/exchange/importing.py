@@ -19,10 +19,11 @@ from rig.exchange.tables import Table, read_table
 from rig.readings import NS, Exchange, Quality, Reading
 from rig.recording import Ambient, Channel, Recording, RecordingError, RecordingFile, write_recording
 from rig.recording.columns import FIGURES, MEASURED, NUMERIC, OF_CHANNEL, PRESSURE, ROLES
+from rig.recording.files import beside, sync_folder
 from rig.recording.mistakes import shown
 from rig.recording.schema import ChannelTable, channel_of, motor_of
 from rig.recording.write import PlaceError
-from rig.runlog.folder import RunError, sha256_of
+from rig.runlog.folder import A_FILE, RunError, make_folder, sha256_of
 from rig.runlog.plateaus import QUANTITIES
 from rig.runlog.rows import utc_text
 from rig.runlog.schema import CAPTURE, ZERO, AmbientRecord, ChannelRecord, ClockRecord, DeviceRecord, StartRecord
@@ -30,6 +31,7 @@ from rig.runlog.start import source, versions
 from rig.runlog.writer import RunWriter
 
 DEVICE = "import"
+MOST_NAME = 255
 SAMPLED = (*QUANTITIES, "supply_open")
 COLUMN_OF = {role: OF_CHANNEL[role].column for role in ROLES if role != "pressure"}
 
@@ -76,15 +78,35 @@ def import_table(files: Sequence[Path], mapping: Mapping, root: Path, tell: Tell
         capture_of(part, times_ns)  # which may refuse it
         if part.entry.noise_scale != 1.0:
             tell(f"{part.entry.file}: a run has no noise_scale; make a recording with -o, or it counts as 1")
-    start = _start(mapping, columns)
-    with RunWriter.create(Path(root), start, wire=False) as writer:
-        for path in sorted({path for path, _ in _entries(files, mapping)}):
-            writer.event("import", 0, file=path.name, sha256=sha256_of(path))
-        plateaus = 0
-        for part, times_ns in zip(parts, times, strict=True):
-            plateaus = _write_part(writer, part, times_ns, plateaus)
-        writer.end("finished")
-    return writer.folder
+    paths = sorted({path for path, _ in _entries(files, mapping)})
+    return _write_run(_start(mapping, columns), paths, list(zip(parts, times, strict=True)), Path(root))
+
+
+def _write_run(
+    start: StartRecord, paths: Sequence[Path], parts: Sequence[tuple[Converted, list[int]]], root: Path
+) -> Path:
+    """Write the parts, with their times [ns], as a run, hidden until it is whole: half of one would be a killed run."""
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise RunError(f"{root}: {A_FILE}") from None
+    with beside(root) as hidden:
+        try:
+            with RunWriter.create(hidden, start, wire=False) as writer:
+                for path in paths:
+                    writer.event("import", 0, file=path.name, sha256=sha256_of(path))
+                plateaus = 0
+                for part, times_ns in parts:
+                    plateaus = _write_part(writer, part, times_ns, plateaus)
+                sealed = writer.end("finished")
+            if sealed.outcome != "finished":  # the disk does not keep it
+                raise RunError(sealed.reason)
+        except RunError as error:
+            raise RunError(f"{str(error).replace(str(hidden), str(root))}; no run was made") from None
+        folder = make_folder(root, writer.name)
+        writer.folder.rename(folder)
+    sync_folder(root)
+    return folder
 
 
 def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path, tell: Tell = lambda words: None) -> Path:
@@ -97,7 +119,8 @@ def import_recording(files: Sequence[Path], mapping: Mapping, folder: Path, tell
     parts = _converted(files, mapping, tell)
     paths = sorted({path for path, _ in _entries(files, mapping)})
     lines = [mapping.file.title, f"source: {mapping.file.source}", f"licence: {mapping.file.licence}"]
-    lines += [f"imported with {mapping.path.name} from {path.name}, SHA-256 {sha256_of(path)}" for path in paths]
+    named = [(shown(mapping.path.name, MOST_NAME), shown(path.name, MOST_NAME), sha256_of(path)) for path in paths]
+    lines += [f"imported with {by} from {name}, SHA-256 {sha256}" for by, name, sha256 in named]
     lines += [words for part in parts for words in part.notes]
     Path(folder).parent.mkdir(parents=True, exist_ok=True)
     _write(parts, mapping, Path(folder), "\n".join(lines) + "\n")
@@ -163,6 +186,7 @@ def _converted(files: Sequence[Path], mapping: Mapping, tell: Tell) -> list[Conv
         part.notes += [f"{table.place}: {table.clocks}; on one time line, with empty cells between"] * bool(
             table.clocks
         )
+        part.notes = [shown(words, len(words)) for words in part.notes]  # a file's name may hold anything
         for words in part.notes:
             tell(words)
         if entry.kind == "transient" and "time_s" not in part.columns:
@@ -221,16 +245,18 @@ def _names(parts: Sequence[Converted]) -> list[str]:
 def _of_sources(text: str, folder: Path, names: Sequence[str], parts: Sequence[Converted], mapping: Mapping) -> str:
     """What is wrong with a recording that was not written, told of the files that it would be made of."""
     for name, part in zip(names, parts, strict=True):
-        there = re.escape(str(folder / name))
+        there = rf"(?<!\S){re.escape(str(folder / name))}"
 
         def of_source(found: re.Match[str], part: Converted = part) -> str:
-            line, column = part.lines[int(found[1]) - 1], found[2]
-            heading = f", column {column}" if column else ""
-            return f"{part.entry.file}, line {line}{heading}"
+            line = f", line {part.lines[int(found[1]) - 1]}" if found[1] else ""
+            return f"{part.entry.file}{line}{f', column {found[2]}' if found[2] else ''}"
 
-        text = re.sub(rf"{there}, row (\d+)(?:, column (\w+))?", of_source, text)
-        text = text.replace(str(folder / name), part.entry.file)
-    return text.replace(f"{folder}/recording.toml", str(mapping.path)).replace(str(folder), str(mapping.path))
+        text = re.sub(rf"{there}(?:, row (\d+)(?:, column (\w+))?)?", of_source, text)
+    # The folder may be called as anything in the text, such as bar: it is one where a line begins with it.
+    there = re.escape(str(folder))
+    return re.sub(
+        rf"(?<!\S){there}/recording\.toml|^{there}(?=[:,])", lambda _: str(mapping.path), text, flags=re.MULTILINE
+    )
 
 
 def _channel(mapping: Mapping, name: str) -> Channel:

@@ -44,6 +44,15 @@ INVALID = (
     ),
     *(mark * count for mark in "-*" for count in range(1, 9)),
 )
+
+
+def _is_factor(value: float) -> float:
+    if not 1e-12 <= abs(value) <= 1e12:
+        raise ValueError("the size of a factor, of either sign, lies between 1e-12 and 1e12")
+    return value
+
+
+Factor = Annotated[float, pydantic.AfterValidator(_is_factor)]
 Whole = Annotated[int, Field(ge=1, le=10_000_000)]
 
 
@@ -70,12 +79,12 @@ class ColumnTable(Strict):
     constant: float | None = None  # in `unit`
     sample_period_s: Positive | None = None  # of `time_s`, where the source has no times
     unit: str = ""
-    factor: float = 1.0  # beside the unit's, such as -1 for a sign
+    factor: Factor = 1.0  # of the source's number, such as -1 for a sign; the unit is that of the product
     pulses_per_rev: Positive | None = None  # of a pulse rate
     standard: StandardTable | None = None  # of a standard flow
     rotameter: RotameterTable | None = None  # of a flow that is read on a scale made for one state of one gas
     differentiate: bool = False  # the source is a length or an angle, the column its mean rate since the row before
-    highest: float | None = None  # in `unit`: what the instrument shows at most, so that over range is more than that
+    highest: float | None = None  # as the source writes it: what the instrument shows at most, over range is more
     drop_repeats: bool = False  # a value that the logger held is no reading
     words: dict[str, str] = Field(default_factory=dict)  # of `direction`: the source's word to up or down
     noise_sd: NotNegative | None = None

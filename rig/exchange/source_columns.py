@@ -19,6 +19,7 @@ from rig.recording.columns import FLAGS, MEASURED
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError
 
+_TIME = re.compile(r"[0-9]:[0-9]{2}", re.ASCII)
 _COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+\s*", re.ASCII)
 Where = Callable[[int], str]  # of a row that is taken, from 0: file, line and column
 
@@ -79,8 +80,8 @@ def read_column(
     if source.drop_repeats:
         repeats = np.append(False, (np.diff(values) == 0.0) & (np.diff(censor) == 0))
         values[repeats], censor[repeats] = math.nan, 0
-    values = values * unit.factor / (source.pulses_per_rev or 1.0) + unit.offset
-    return Column(values, censor), cells
+    values = values * source.factor * unit.factor / (source.pulses_per_rev or 1.0) + unit.offset
+    return Column(values, censor if source.factor > 0.0 else -censor), cells
 
 
 def _values(
@@ -110,6 +111,8 @@ def _why_not(cell: str, reads: Cell, of_day: bool, unit: str) -> str:
         return f"{what}: its other marks part thousands; take them out, in a copy of the file"
     if not of_day and reads.decimal == "." and _COMMA.fullmatch(cell):
         return f'{what}: it has a decimal comma; say decimal = "," or, in a workbook, turn such cells into numbers'
+    if not of_day and _TIME.search(cell):
+        return f'{what}; where it is the time, say how it is written: unit = "hh:mm:ss", "ISO" or another with a date'
     if not any(letter.isdigit() for letter in cell):
         is_mark = "" if of_day else '; where it stands for no reading, name it in [table] invalid = ["..."]'
         return f"{what}; where its row is no reading, take the others with rows = [first, last] in [[files]]{is_mark}"

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.exchange.binary.apart import read_apart
-from rig.exchange.binary.columns import MAX_BYTES, MAX_SERIES, Cells
+from rig.exchange.binary.columns import MAX_BYTES, MAX_SERIES, Cells, no_column
 from rig.exchange.mapping import TableTable
 from rig.exchange.workbook import read_sheet
 from rig.recording.mistakes import shown
@@ -87,8 +87,7 @@ class Table:
                 f"{self.place}: {len(found)} columns are called '{shown(key)}'; "
                 f"give the place of one: column = {places}"
             )
-        listed = ", ".join(f"'{shown(heading)}'" for heading in self.headings[:40]) or "the file has no headings"
-        raise RunError(f"{self.place}: no column is called '{shown(key)}'; there are {listed}{self.hint}")
+        raise RunError(f"{self.place}: {no_column(key, self.headings)}{self.hint}")
 
 
 def read_table(
@@ -125,7 +124,9 @@ def _csv(path: Path, table: TableTable, taken: Sequence[int] | None) -> Table:
     try:
         text = data.decode(table.encoding).removeprefix("\ufeff")
     except UnicodeError:
-        raise RunError(f"{path}: not {table.encoding} text; say its encoding in [table]") from None
+        raise RunError(
+            f"{path}: not {table.encoding} text; say its encoding in [table] or, of a file that is no text, its reader"
+        ) from None
     lines, begin = lines_of(text), table.heading_line
     rows = _records(path, lines, begin or 1, table)
     _, headings = next(rows, (0, [])) if begin else (0, [])
@@ -231,7 +232,7 @@ def _of_rows(
 
 
 def _xlsx(path: Path, table: TableTable, sheet: str, taken: Sequence[int] | None) -> Table:
-    one, begin = read_sheet(path, sheet), table.heading_line
+    one, begin = read_sheet(path, sheet, table.decimal or "."), table.heading_line
     rows = one.rows
     headings = rows[begin - 1] if 0 < begin <= len(rows) else []
     first = table.first_line or begin + 1

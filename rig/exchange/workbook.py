@@ -43,8 +43,11 @@ class Sheet:
     dated: frozenset[tuple[int, int]]
 
 
-def read_sheet(path: Path, sheet: str) -> Sheet:
-    """A sheet. Raises RunError where the workbook cannot be read, or has no such sheet."""
+def read_sheet(path: Path, sheet: str, decimal: str = ".") -> Sheet:
+    """A sheet; numbers in it get the decimal mark that its cells of text have.
+
+    Raises RunError where the workbook cannot be read, or has no such sheet.
+    """
 
     def read(archive: zipfile.ZipFile) -> Sheet:
         parts = _parts_by_name(archive)
@@ -53,7 +56,7 @@ def read_sheet(path: Path, sheet: str) -> Sheet:
             raise RunError(f"{path}: name the sheet in [table] or [[files]]: sheet = one of {listed}")
         part = _part(archive, parts[sheet])
         return Sheet(
-            _grid(part, _shared(archive)), list(_remarks(part)), frozenset(_dated(part, _date_styles(archive)))
+            _grid(part, _shared(archive), decimal), list(_remarks(part)), frozenset(_dated(part, _date_styles(archive)))
         )
 
     return _opened(path, read)
@@ -153,7 +156,7 @@ def _dated(sheet: Xml.Element, styles: Container[str]) -> Iterator[tuple[int, in
             yield int(match[2]), _letters(match[1])
 
 
-def _grid(sheet: Xml.Element, shared: list[str]) -> list[list[str]]:
+def _grid(sheet: Xml.Element, shared: list[str], decimal: str) -> list[list[str]]:
     """The sheet's cells as text, row by row; a formula's last value."""
     grid: list[list[str]] = []
     count = 0
@@ -169,6 +172,8 @@ def _grid(sheet: Xml.Element, shared: list[str]) -> list[list[str]]:
             formula = cell.find(_tag("f"))
             if formula is not None and cell.find(_tag("v")) is None:  # it was never calculated: refused as a number
                 value = f"={formula.text or ''}"
+            elif cell.get("t", "n") == "n":  # the file has a point, whatever the workbook shows
+                value = value.replace(".", decimal)
             if cell.get("t") == "b":  # kept as 0 or 1; an empty one stays empty, and a formula a formula
                 value = {"0": "FALSE", "1": "TRUE"}.get(value, value)
             if index < MAX_SERIES and value:

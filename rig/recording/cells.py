@@ -16,6 +16,7 @@ _PLAIN = re.compile(r"[0-9.eE+\-, ]*")
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _CELL = re.compile(rf"\s*([<>]?)\s*({_NUMBER})\s*", re.ASCII)
 _COMMA = re.compile(r"\s*[<>]?\s*[+-]?[0-9]*,[0-9]+\s*", re.ASCII)
+_TIME_OF_DAY = re.compile(r".*[0-9]:[0-9]{2}", re.ASCII)
 _NOT_SAMPLED = {"nan", "na", "n/a", "null", "none", "-", "--"}
 _INFINITE = {"inf", "infinity"}
 _SIGN = {"": 0, "<": -1, ">": 1}
@@ -90,4 +91,6 @@ def _why(cell: str) -> str:
         return f"{given} is no number; leave the cell empty where nothing was sampled"
     if _CELL.fullmatch(text):
         return f"{given} is too large to be a reading; correct it"
+    if _TIME_OF_DAY.match(text):
+        return f"{given} is not a number but a time of day; write seconds, or bring it in with spinbench runs import"
     return f"{given} is not a number; write digits with a decimal point, or leave the cell empty"

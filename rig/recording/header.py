@@ -34,6 +34,15 @@ _MORE = {
     "shaft", "welle", "inlet", "in", "eintritt", "air", "luft", "supply", "volume", "rate", "line", "value",
     "wert", "abs", "absolute", "gauge", "rel",
 }  # fmt: skip
+# Words that say that it is no measurement of the motor, or one that refers to another state.
+_OTHER = {
+    "set", "sp", "max", "min", "pmax", "pmin", "nmax", "nmin", "std", "nom", "ref", "cmd", "sd", "stdev", "alarm",
+    "error",
+}  # fmt: skip
+_OTHER_WITHIN = (
+    "setpoint", "soll", "target", "maxim", "minim", "limit", "grenz", "norm", "standard", "nominal", "nenn", "demand",
+    "command", "vorgabe", "reference", "abweichung", "deviation",
+)  # fmt: skip
 _ELAPSED = {"time", "zeit", "elapsed"}  # a clock's time, such as a timestamp's, may be a note
 _NO_UNIT_AT_THE_END = {"in", "rev", "m"}  # P_in, rev: words as well
 _BRACKETS = (
@@ -94,6 +103,14 @@ def plainly_named(text: str) -> str:
     if name == "time_s" and not heading.words & ({"t", *_ELAPSED} if heading.unit else _ELAPSED):
         return ""
     return name if all(word in _MORE or _says(word, name) for word in heading.words) else ""
+
+
+def another_in(text: str) -> str:
+    """The word of a heading that says that it is no reading, such as a set-point or a limit; empty for none."""
+    if unit_called(text):
+        return ""
+    words = sorted(read_heading(text).words)
+    return next((word for word in words if word in _OTHER or any(other in word for other in _OTHER_WITHIN)), "")
 
 
 def _says(word: str, name: str) -> bool:

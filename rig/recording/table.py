@@ -108,6 +108,7 @@ class _Reading:
         self.extra: dict[str, list[str]] = {name: [] for name in unknown(names)} if plan.keep_extra else {}
         self.last_time = -np.inf
         self.is_reversed = False
+        self.misread: set[str] = set()  # columns that a mistake says already what is wrong with
 
     def is_too_long(self) -> bool:
         """Whether a steady file has more rows than plateaus can be; noted as a mistake."""
@@ -191,6 +192,7 @@ class _Reading:
         if name == "speed_rpm":
             found.values += 0.0  # -0 is 0
             found.censor[(found.values == 0.0) & (found.censor == 0)] = -1
+        self.misread |= {name} if found.wrong else set()
         self._note(name, found.wrong, row_numbers)
         self._note_limits(name, found, cells, row_numbers)
         if name == "time_s":
@@ -246,7 +248,11 @@ class _Reading:
         """Each needed group has to hold a number somewhere."""
         for group in self.plan.needed:
             present = [name for name in group if name in columns]
-            if present and all(np.isnan(columns[name].values).all() for name in present):
+            if (
+                present
+                and not self.misread & set(present)
+                and all(np.isnan(columns[name].values).all() for name in present)
+            ):
                 what = "every cell is empty; this file needs readings there"
                 self.mistakes.add(f"{self.place}, column {' or '.join(present)}", what)
 

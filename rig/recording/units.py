@@ -80,8 +80,8 @@ QUANTITIES_OF = {  # that a column may come in
 # How others write a unit.
 _SAME = {
     "L/min": ("lpm", "l min", "liter/min", "liters/min", "litre/min", "litres/min", "l/minute"),
-    "sL/min": ("slpm", "slm", "std l/min", "sl/min", "standard l/min"),
-    "NL/min": ("ln/min", "nlpm", "norm l/min"),
+    "sL/min": ("slpm", "slm", "sl min", "std l/min", "sl/min", "standard l/min"),
+    "NL/min": ("ln/min", "nlpm", "nl min", "norm l/min"),
     "m3/h": ("m^3/h", "cbm/h"),
     "mL/min": ("milliliter/min", "millilitre/min"),
     "Nm3/h": ("nm^3/h", "mn3/h"),

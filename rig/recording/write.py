@@ -18,6 +18,7 @@ from rig.recording.columns import FIGURES, FLAGS
 from rig.recording.contents import Channel, Column, Recording, RecordingError, RecordingFile
 from rig.recording.files import beside
 from rig.recording.folder import RefusedError, parts
+from rig.recording.mistakes import shown
 from rig.recording.read import TOML, read_recording
 from rig.recording.safe_text import harmless
 from rig.recording.schema import FORMAT, OF_SPEED
@@ -58,6 +59,11 @@ def write_recording(recording: Recording, folder: Path, beside_it: Mapping[str, 
         raise RecordingError(str(error).replace(str(whole), str(folder))) from None
     except RefusedError as refusal:
         raise RecordingError(f"{folder}: {refusal}") from None
+    except UnicodeError as error:
+        what = shown(error.object) if isinstance(error, UnicodeEncodeError) else str(error)
+        raise RecordingError(
+            f"{folder}: not UTF-8: '{what}'; give the file, the run or the text another name"
+        ) from None
     except OSError as error:
         raise PlaceError(f"{folder}: cannot be written ({error.strerror}); check the place and the space") from None
 

@@ -143,13 +143,19 @@ def open_plain(path: Path, limit: int) -> BinaryIO:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         is_link = error.errno == errno.ELOOP
-        why = "a symbolic link, which is refused" if is_link else f"cannot be read ({error.strerror})"
+        why = (
+            "a symbolic link, which is refused; give the file itself"
+            if is_link
+            else f"cannot be read ({error.strerror})"
+        )
         raise RunError(f"{path}: {why}") from None
     status = os.fstat(handle)
     if not stat.S_ISREG(status.st_mode) or status.st_size > limit:
         os.close(handle)
-        plain = stat.S_ISREG(status.st_mode)
-        raise RunError(f"{path}: " + (f"larger than {limit} bytes" if plain else "is not a plain file"))
+        if stat.S_ISREG(status.st_mode):
+            raise RunError(f"{path}: larger than {limit} bytes")
+        what = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
+        raise RunError(f"{path}: is not a plain file, but {what}; give a file")
     return os.fdopen(handle, "rb")
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from spinbench.cli.errors import RUN_FAILED
+from spinbench.cli.errors import RUN_FAILED, kept_when_interrupted
 from spinbench.cli.options import LOGS, LogsOption, RunArgument
 from spinbench.cli.show import check_places, on_terminal, remark
 from spinbench.readings import run_named
@@ -90,6 +90,7 @@ def export(
     print(out)
 
 
+@kept_when_interrupted(lambda out: "nothing was imported")
 def import_data(
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help=FILES_HELP)],
     mapping: Annotated[

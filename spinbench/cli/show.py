@@ -19,6 +19,7 @@ WIDTH, WIDTH_OF_FIGURES = 140, 120  # of a table in a pipe, where no column is c
 # What stands for a character that the terminal's encoding does not have.
 PLAIN = {"±": "+-", "−": "-", "–": "-", "×": "x", "÷": "/", "·": "*", "°": "deg ", "…": "...", "→": "->", "ω": "omega"}
 PLAIN |= {"“": '"', "”": '"', "’": "'", "≤": "<=", "≥": ">=", "µ": "u", "μ": "u"}
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")  # which a file's name may hold
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
@@ -39,9 +40,10 @@ def _in_plain(error: UnicodeError) -> tuple[str, int]:
 
 
 def remark(*lines: str) -> None:
-    """A line each on standard error."""
+    """A line each on standard error, control characters escaped."""
     for words in lines:
-        print(f"spinbench: {words}", file=sys.stderr)
+        harmless = CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), words)
+        print(f"spinbench: {harmless}", file=sys.stderr)
 
 
 def on_terminal(*tables: object, width: int = WIDTH) -> None:

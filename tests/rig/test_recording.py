@@ -413,6 +413,13 @@ BAD_TABLES = {
 }
 
 
+def test_times_of_day_are_not_told_as_empty_too(tmp_path):
+    rows = TIMED + "10:00:00,2,1\n10:00:01,2,2\n"
+    text = refusal(put(tmp_path / "bench", SHORT.replace("steady", "transient"), rows))
+    assert "row 1, column time_s: '10:00:00' is not a number but a time of day; write seconds, or bring it" in text
+    assert "every cell is empty" not in text
+
+
 @pytest.mark.parametrize("case", BAD_TABLES)
 def test_a_bad_table_is_refused(tmp_path, case):
     sweep, toml, words = BAD_TABLES[case]

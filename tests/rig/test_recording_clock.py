@@ -117,6 +117,14 @@ def test_runs_of_different_instruments_may_overlap(tmp_path):
     assert len(read_recording(folder).files) == 2
 
 
+def test_a_diagnosis_of_an_angle_alone_says_what_it_needs(tmp_path, spinbench_here):
+    folder = put(tmp_path / "rotor", ("angle.csv", "transient", 0.0, "time_s,angle_rad\n0,0\n1,27\n2,50\n"))
+    toml = folder / "recording.toml"
+    toml.write_text(toml.read_text().replace('"ptm3600"', '{ kind = "free_rotor", inertia_kg_m2 = 0.01 }'))
+    done = spinbench_here("diagnose", folder, "-o", tmp_path / "out", cwd=tmp_path)
+    assert (done.returncode, "(angle.csv: angle_rad alone; add a column speed_rpm, made of" in done.stderr) == (2, True)
+
+
 def test_every_recording_at_hand_is_read():
     if not SHARED.is_dir():
         pytest.skip("../shared is not beside the repository")

@@ -60,7 +60,11 @@ class FreeRotor:
             sd = noise_sd(recording, "speed_rpm", file) * np.ones(int(compared.sum()))
             readings.append(Readings("speed", speed[compared], sd, True, f"speed {file.file}"))
         if not coasts:
-            told = "; ".join(f"{one['file']}: {one['why']}" for one in files)
+            of_angle = [file.file for file in transients(recording, "angle_rad") if "speed_rpm" not in file.columns]
+            angle = "angle_rad alone; add a column speed_rpm, made of the differences of the angles"
+            told = "; ".join(
+                [f"{one['file']}: {one['why']}" for one in files] + [f"{one}: {angle}" for one in of_angle]
+            )
             told = f" ({told})" if told else ""
             raise RecordingError(f"{recording.folder}: free_rotor: no transient file with a coast-down in it{told}")
         spans = [

@@ -15,6 +15,8 @@ MAX_SERIES = 4096
 MAX_ROWS = 20_000_000
 FEW = 60  # cells that a listing shows
 WAVEFORM_TIME = "@time"  # the time track of channels that have clocks
+# Of TDMS.
+OF_A_RUN = "of a run's export one channel at a time: to import several, export it as .parquet, .h5 or .mf4"
 Cells = list[str] | list[float]
 Wanted = Sequence[str | int]
 
@@ -50,6 +52,19 @@ class Listed:
 def by_name(wanted: Wanted) -> bool:
     """Whether the columns that are taken are all given by their headings."""
     return bool(wanted) and all(isinstance(key, str) for key in wanted)
+
+
+def refuse_unknown(place: str, wanted: Wanted, names: Sequence[str]) -> None:
+    """Refuse a heading that is none of the file's, with all that it has. `names`: of every column there."""
+    for key in wanted:
+        if isinstance(key, str) and key not in (*names, WAVEFORM_TIME):
+            raise RunError(f"{place}: {no_column(key, names)}")
+
+
+def no_column(key: str, names: Sequence[str]) -> str:
+    """In words, that a heading is not there, and which are."""
+    listed = ", ".join(f"'{shown(name)}'" for name in names[:40]) + ", .." * (len(names) > 40)
+    return f"no column is called '{shown(key)}'; there are {listed or 'none: the file has no headings'}"
 
 
 def cells_of(array: np.ndarray, place: str) -> Cells:

@@ -7,7 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from rig.exchange.binary.columns import FEW, MAX_BYTES, Columns, Listed, Wanted, by_name, cells_of, of_one_length
+from rig.exchange.binary.columns import (
+    FEW,
+    MAX_BYTES,
+    Columns,
+    Listed,
+    Wanted,
+    by_name,
+    cells_of,
+    of_one_length,
+    refuse_unknown,
+)
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
 
@@ -15,6 +25,7 @@ from rig.runlog.folder import RunError, open_plain
 def read(path: Path, group: str, wanted: Wanted) -> Columns:
     """The vectors of numbers. Raises RunError where they cannot be read."""
     found = _vectors(path)
+    refuse_unknown(str(path), wanted, list(found))
     vectors = {name: array for name, array in found.items() if name in wanted} if by_name(wanted) else found
     vectors = vectors or found
     return of_one_length(

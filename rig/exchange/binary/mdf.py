@@ -10,7 +10,18 @@ from typing import Any
 import numpy as np
 
 from rig.exchange.binary.clocks import Channel, Clock, on_one_time_line
-from rig.exchange.binary.columns import FEW, MAX_BYTES, MAX_ROWS, Cells, Columns, Listed, Wanted, by_name, cells_of
+from rig.exchange.binary.columns import (
+    FEW,
+    MAX_BYTES,
+    MAX_ROWS,
+    Cells,
+    Columns,
+    Listed,
+    Wanted,
+    by_name,
+    cells_of,
+    refuse_unknown,
+)
 from rig.exchange.binary.marks import marked
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
@@ -27,6 +38,7 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
             there = ", ".join(f"'{shown(name)}'" for name in names)
             raise RunError(f"{path}: name the group of channels in [table]: group = one of {there or 'none: no data'}")
         place = f"{path}, group '{shown(group)}'" if group else str(path)
+        refuse_unknown(place, wanted, list(dict.fromkeys(one[1] for one in taken)))
         taken = [one for one in taken if not by_name(wanted) or one[1] in wanted]
         for name in dict.fromkeys(name for _, name, *_ in taken):
             groups = [one[0] for one in taken if one[1] == name]

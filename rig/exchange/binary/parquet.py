@@ -22,6 +22,7 @@ from rig.exchange.binary.columns import (
     Wanted,
     by_name,
     cells_of,
+    refuse_unknown,
 )
 from rig.exchange.binary.marks import marked
 from rig.recording.mistakes import shown
@@ -38,11 +39,13 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
         file = _opened(stream, path)
         if _is_run(file):
             channels = _channels(file, path)
+            refuse_unknown(str(path), wanted, [one.name for one in channels])
             taken = [one for one in channels if not by_name(wanted) or one.name in wanted]
             return on_one_time_line(str(path), taken or channels, wanted)
         if WAVEFORM_TIME in wanted:
             raise RunError(f"{path}: its columns have no clock of their own; take one of them as time_s")
         names = file.schema_arrow.names
+        refuse_unknown(str(path), wanted, names)
         places = range(1, len(names) + 1)
         asked = {names[key - 1] if isinstance(key, int) else key for key in wanted if key in names or key in places}
         if by_name(wanted):

@@ -11,7 +11,18 @@ from typing import Any
 import numpy as np
 
 from rig.exchange.binary.clocks import NS, Channel, Clock, on_one_time_line
-from rig.exchange.binary.columns import FEW, MAX_BYTES, Cells, Columns, Listed, Wanted, by_name, cells_of
+from rig.exchange.binary.columns import (
+    FEW,
+    MAX_BYTES,
+    OF_A_RUN,
+    Cells,
+    Columns,
+    Listed,
+    Wanted,
+    by_name,
+    cells_of,
+    refuse_unknown,
+)
 from rig.exchange.binary.marks import marked
 from rig.recording.mistakes import shown
 from rig.runlog.folder import RunError, open_plain
@@ -25,9 +36,11 @@ def read(path: Path, group: str, wanted: Wanted) -> Columns:
     groups, pieces = _groups(path)
     name = group or (next(iter(groups)) if len(groups) == 1 else "")
     if name not in groups:
-        listed = ", ".join(f"'{shown(found)}'" for found in groups)
-        raise RunError(f"{path}: name the group of channels in [table]: group = one of {listed or 'none: it is empty'}")
+        listed = ", ".join(f"'{shown(found)}'" for found in groups) or "none: it is empty"
+        hint = f" ({OF_A_RUN})" if any(one.name == "value" for channels in groups.values() for one in channels) else ""
+        raise RunError(f"{path}: name the group of channels in [table]: group = one of {listed}{hint}")
     place = f"{path}, group '{shown(name)}'"
+    refuse_unknown(place, wanted, [channel.name for channel in groups[name]])
     taken = [channel for channel in groups[name] if not by_name(wanted) or channel.name in wanted]
     return on_one_time_line(
         place, [_channel(channel, groups[name], pieces.get(channel.path, []), place) for channel in taken], wanted

@@ -14,7 +14,7 @@ from rig.exchange.guess.layout import DATE, TIME_OF_DAY
 from rig.exchange.guess.look import Key, Seen, Source
 from rig.exchange.units import known_units
 from rig.recording.columns import MEASURED, PRESSURE
-from rig.recording.header import INLET, Heading, read_heading
+from rig.recording.header import INLET, Heading, another_in, read_heading
 from rig.recording.mistakes import shown
 from rig.recording.units import DATED, UNITS
 
@@ -112,7 +112,7 @@ def _of_column(column: Seen, source: Source) -> list[Proposed]:
         return _of_pressure(column, heading, doubts, seen)
     unit = heading.unit or ("Excel days" if name == "time_s" and _excel_days(column, source) else "")
     further = {"pulses_per_rev": ""} if unit == "Hz" else {}
-    if unit and UNITS[unit].quantity == "standard flow":
+    if name == "flow_l_min" and _is_standard(column, heading):
         further = {"standard": "{pressure_bar_abs = , temperature_c = }"}
     return [Proposed(name, {"column": column.key, "unit": unit}, tuple(doubts), seen, further)]
 
@@ -143,7 +143,11 @@ def _doubts(column: Seen, heading: Heading, source: Source) -> list[str]:
             doubts.append(f"{stated or 'its unit is not said'}: one of {known}, ..")
     if heading.unit == "Hz":
         doubts.append("Hz needs the pulses of a revolution")
-    if heading.unit and heading.unit in UNITS and UNITS[heading.unit].quantity == "standard flow":
+    if word := another_in(column.heading):
+        doubts.append(
+            f"'{shown(word)}': is it a reading, and no set-point, limit or flow that refers to another state?"
+        )
+    if _is_standard(column, heading):
         doubts.append("to which state does it refer?")
     if name == "inlet_temperature_c" and not heading.words & set(INLET):
         doubts.append("is it the temperature of the air at the inlet?")
@@ -151,6 +155,12 @@ def _doubts(column: Seen, heading: Heading, source: Source) -> list[str]:
     if name == "time_s" and any(later <= earlier for earlier, later in pairwise(values)):
         doubts.append("its numbers do not increase")
     return doubts
+
+
+def _is_standard(column: Seen, heading: Heading) -> bool:
+    """Whether the stated unit, or that in the heading beside it, is that of a standard flow."""
+    units = (heading.unit, read_heading(column.heading).unit)
+    return any(unit in UNITS and UNITS[unit].quantity == "standard flow" for unit in units)
 
 
 def _numbers(column: Seen, source: Source) -> list[float]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.exchange.binary.apart import listed_apart
-from rig.exchange.binary.columns import MAX_BYTES, Listed
+from rig.exchange.binary.columns import MAX_BYTES, OF_A_RUN, Listed
 from rig.exchange.cells import Cell
 from rig.exchange.guess.layout import Layout, Rows, is_time, layout_of
 from rig.exchange.mapping import TableTable
@@ -242,7 +242,8 @@ def _binary(path: Path, reader: str) -> Source:
     if len(groups) == 1 and groups[0] and reader != "mdf":
         table.append(Said("group", groups))
     elif len(groups) > 1 and (reader == "tdms" or len(set(names)) < len(names)):
-        table.append(Said("group", groups, "one file has one group; the columns below are of all"))
+        hint = f", {OF_A_RUN}" if reader == "tdms" and "value" in names else ""
+        table.append(Said("group", groups, f"one file has one group{hint}; the columns below are of all"))
     counts = sorted({one.count for one in found})
     remarks = [f"the channels have {' or '.join(map(str, counts[:6]))} samples"] * (len(counts) > 1)
     return Source(reader, table, [_seen(one, reader) for one in found], Cell(TableTable(reader=reader)), remarks)  # type: ignore[arg-type]

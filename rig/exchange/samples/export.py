@@ -63,6 +63,8 @@ def export_samples(run: Run, file: Path) -> None:
             whole.rename(file)
     except RunError:
         raise
+    except UnicodeError:
+        raise RunError(f"{file}: this format takes no name that is not UTF-8; give another") from None
     except Exception as error:  # packages raise many things where a disk is full
         why = getattr(error, "strerror", None) or shown(str(error), 100) or type(error).__name__
         raise RunError(f"{file}: cannot be written ({why}); check the place and the space") from None

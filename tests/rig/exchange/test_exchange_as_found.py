@@ -1,5 +1,6 @@
 """Tables as loggers and offices leave them: nothing is lost, moved or made up without a word; or it is refused."""
 
+import os
 import zipfile
 
 import h5py
@@ -10,6 +11,7 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from rig.exchange.guess.proposal import propose
+from rig.runlog import RunWriter
 from tests.rig.runlog.test_runlog_import import CLOCKED, HEAD, SIMPLE, put, workbook  # noqa: F401 - a fixture
 
 ROWS = "2,0;397,1\n2,2;450,2\n2,4;500,3\n"
@@ -297,3 +299,133 @@ def test_a_unit_in_a_heading_that_is_another_than_the_mapping_s_is_told(given, h
     columns = SIMPLE.replace('"P"', f'"P {heading}"')
     code, said, _ = given(f"P {heading};n\n2,0;397\n", columns)
     assert (code, "the file says" in said) == (0, told), said
+
+
+def test_a_factor_multiplies_the_source_s_number_before_the_unit_s_zero_counts(given):
+    tenths = '[columns.inlet_temperature_c]\ncolumn = "T"\nunit = "degF"\nfactor = 0.1\nhighest = 680\n'
+    code, said, made = given("P;n;T\n2,0;397;680\n2,2;450;500\n", SIMPLE + tenths)
+    cells = [float(row.split(",")[2]) for row in made.splitlines()[1:]]
+    assert (code, said, cells) == (0, "", pytest.approx([20.0, 10.0]))
+
+
+def test_no_rate_is_made_of_what_is_off_scale(given):
+    files = '[[files]]\nfile = "data.csv"\nkind = "transient"\n'
+    turned = SIMPLE.replace('"n"\nunit = "rpm"', '"a"\nunit = "rev"\ndifferentiate = true\nhighest = 20')
+    clock = "[columns.time_s]\nsample_period_s = 1.0\n"
+    code, said, made = given("P;a\n2,0;0\n2,0;10\n2,0;OL\n2,0;OL\n2,0;20\n2,0;20\n", turned + clock + files)
+    assert (code, "3 rates of speed_rpm left out: a value that they are made of is off scale" in said) == (0, True), (
+        said
+    )
+    assert [row.split(",")[1] for row in made.splitlines()[1:]] == ["", "600.0", "", "", "", "0.0"]
+
+
+def full(writer, row):
+    writer._failure = (
+        f"{writer.folder / 'plateaus.csv'}: cannot be written (No space left on device); the run ends here"
+    )
+    writer._check()
+
+
+def interrupted(writer, row):
+    raise KeyboardInterrupt
+
+
+FAILS = {
+    "a full disk": (full, 2, "No space left on device); the run ends here; no run was made\n"),
+    "Ctrl-C": (interrupted, 130, "interrupted; nothing was imported\n"),
+}
+
+
+@pytest.mark.parametrize("name", FAILS)
+def test_half_a_run_is_not_there(put, tmp_path, spinbench_here, monkeypatch, name):  # noqa: F811 - the fixture
+    fails, code, said = FAILS[name]
+    put("map.toml", HEAD + SIMPLE), put("data.csv", "P;n\n" + ROWS)
+    monkeypatch.setattr(RunWriter, "plateau", fails)
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", "--logs", "logs", cwd=tmp_path)
+    assert (done.returncode, done.stderr.endswith(said), done.stderr.count("\n")) == (code, True, 1), done.stderr
+    assert list((tmp_path / "logs").iterdir()) == []
+    assert ".spinbench-" not in done.stderr
+
+
+@pytest.mark.parametrize("out", ["bar", "in", "r"])
+def test_an_error_is_whole_whatever_the_recording_is_to_be_called(put, tmp_path, spinbench_here, out):  # noqa: F811
+    columns = SIMPLE.replace("bar_abs", "bar_gauge").replace("bar abs", "bar gauge")
+    put("map.toml", HEAD + columns), put("data.csv", "P;n\n2,0;397\n-900;450\n")
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", "-o", out, cwd=tmp_path)
+    told = "data.csv, line 3, column pressure_bar_gauge: '-900.0': expected gauge inlet pressure, -1.1 to 40 bar; check"
+    assert (done.returncode, done.stderr) == (2, f"spinbench: {told} the unit and the reading\n")
+    put("map.toml", HEAD + columns + "[ambient]\npressure_bar_abs = 17.0\n"), put("data.csv", "P;n\n2,0;397\n")
+    done = spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", "-o", out, cwd=tmp_path)
+    assert (done.returncode, "map.toml" in done.stderr, "bar" in done.stderr) == (2, True, True), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [(b"caf\xe9.csv", r"caf\udce9.csv"), (b"a\x1b[31m.csv", r"a\x1b[31m.csv"), (b"a\nb.csv", r"a\nb.csv")],
+)
+def test_a_file_may_be_called_anything(put, tmp_path, spinbench_here, name, told):  # noqa: F811 - the fixture
+    source = os.fsdecode(name)
+    put("map.toml", HEAD + SIMPLE), put(source, "P;n\n2,0;397\n2,2;OL\n")
+    done = spinbench_here("runs", "import", source, "--mapping", "map.toml", "-o", "out", cwd=tmp_path)
+    assert (done.returncode, f"spinbench: {told}, column 'n': over range 1 times" in done.stderr) == (0, True), done
+    assert f"imported with map.toml from {told}, SHA-256" in (tmp_path / "out" / "notes.txt").read_text()
+    put(source, "P;n\n2,0;397\n2,2;kaputt\n")
+    done = spinbench_here("runs", "import", source, "--mapping", "map.toml", "-o", "out2", cwd=tmp_path)
+    assert (done.returncode, "line 3" in done.stderr, "\x1b" in done.stderr) == (2, True, False)
+
+
+@pytest.mark.parametrize("factor", ["0.0", "1e308", "-1e-300"])
+def test_a_factor_that_makes_no_reading_is_refused(given, factor):
+    code, said, _ = given("P;n\n2,0;397\n", SIMPLE + f"factor = {factor}\n")
+    assert (code, "columns.speed_rpm.factor" in said, "lies between 1e-12 and 1e12" in said) == (2, True, True), said
+
+
+@pytest.mark.parametrize(("pressure", "words"), [("0", "0 bar abs"), ("-1,5", "-1.5 bar abs")])
+def test_a_standard_flow_beside_no_pressure_is_one_error_of_the_pressure(given, pressure, words):
+    flow = '[columns.flow_l_min]\ncolumn = "Q"\nunit = "NL/min"\n'
+    state = "standard = {pressure_bar_abs = 1.013, temperature_c = 0.0}\n[ambient]\ntemperature_c = 20.0\n"
+    code, said, _ = given(f"P;n;Q\n2,0;397;40\n{pressure};450;50\n", SIMPLE + flow + state)
+    assert (code, said.count("\n")) == (2, 1), said
+    assert said.startswith(f"spinbench: data.csv, line 3: the inlet's pressure is {words}, and the flow's unit needs")
+
+
+def test_a_decimal_comma_of_a_workbook_is_of_its_cells_of_text(given):
+    text = '<c r="A3" t="inlineStr"><is><t>2,25</t></is></c>'
+    code, said, made = given(sheet(text), SIMPLE, "xlsx", 'decimal = ","\nsheet = "one"\n')
+    assert (code, made.splitlines()[1:]) == (0, ["2.0,397.0", "2.25,450.0"]), said
+
+
+def test_readings_without_times_are_counted_once(put, tmp_path, spinbench_here):  # noqa: F811 - the fixture
+    put("map.toml", HEAD + SIMPLE)
+    put("data.csv", "P;n\n2,0;397\n2,2;450\n2,4;500\n")
+    assert spinbench_here("runs", "import", "data.csv", "--mapping", "map.toml", cwd=tmp_path).returncode == 0
+    done = spinbench_here("runs", "export", "last", "-o", "out", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("of 3 readings in the plateaus, 3 unverified")) == (0, 2), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("rows", "why"), [("[1, 500]", "the last of them is row 3"), ("[3, 1]", "the first comes behind the last")]
+)
+def test_rows_that_are_not_there_are_refused(given, rows, why):
+    files = f'[[files]]\nfile = "data.csv"\nkind = "steady"\nrows = {rows}\n'
+    code, said, _ = given("P;n\n2,0;397\n2,2;450\n2,4;500\n", SIMPLE + files)
+    assert (code, f"data.csv: rows = {rows} of [[files]]: {why}" in said) == (2, True), said
+
+
+CURES = {
+    "a link": (lambda path: path.symlink_to("other.csv"), "a symbolic link, which is refused; give the file itself"),
+    "a folder": (lambda path: path.mkdir(), "is not a plain file, but a folder; give a file"),
+    "a pipe": (os.mkfifo, "is not a plain file, but a pipe or a device; give a file"),
+    "no text": (
+        lambda path: savemat(path, {"P": [1.0, 2.0]}, appendmat=False),
+        "or, of a file that is no text, its reader",
+    ),
+    "times of day": ("t;P;n\n10:00:00;2,0;397\n", 'say how it is written: unit = "hh:mm:ss", "ISO" or another'),
+}
+
+
+@pytest.mark.parametrize("name", CURES)
+def test_an_error_says_what_to_do(given, name):
+    content, words = CURES[name]
+    code, said, _ = given(content, SIMPLE + CLOCKED.format("s"))
+    assert (code, words in said) == (2, True), said

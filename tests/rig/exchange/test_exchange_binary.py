@@ -6,7 +6,10 @@ import warnings
 import h5py
 import nptdms
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from scipy.io import savemat
 
 from rig.exchange.importing import import_recording, import_table
 from rig.exchange.mapping import read_mapping
@@ -370,3 +373,29 @@ def test_a_rotameter_s_scale_that_cannot_be_is_refused(tmp_path, unit, scale, wo
     (tmp_path / "map.toml").write_text(text + ROTAMETER.format(unit=unit, scale=scale))
     with pytest.raises(Exception, match=words):
         read_mapping(tmp_path / "map.toml")
+
+
+COLUMNS = {"P": np.array([2.0, 2.1]), "drehzahl": np.array([300.0, 310.0]), "note": np.array([1.0, 2.0])}
+
+
+def write_tdms(path):
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("g", name, data) for name, data in COLUMNS.items()])
+
+
+WRITE = {
+    "mat": lambda path: savemat(path, COLUMNS),
+    "tdms": write_tdms,
+    "parquet": lambda path: pq.write_table(pa.table({name: pa.array(data) for name, data in COLUMNS.items()}), path),
+}
+
+
+@pytest.mark.parametrize("reader", [*WRITE, "mdf"])
+def test_a_column_that_is_not_there_is_refused_with_all_that_are(reader, tmp_path, mdf, imported):
+    if reader == "mdf":
+        path = mdf(("g", [0.0, 0.5], {name: (data, {}) for name, data in COLUMNS.items()}))
+    else:
+        path = tmp_path / f"data.{reader}"
+        WRITE[reader](path)
+    with pytest.raises(RunError, match=r"no column is called 'n'; there are 'P', 'drehzahl', 'note'$"):
+        imported(path, mapping_text(reader, kind="steady", pressure_bar_abs="P", speed_rpm="n"))

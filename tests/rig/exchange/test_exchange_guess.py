@@ -128,6 +128,27 @@ UNSURE = {
 }
 
 
+OTHERS = {
+    "target speed [rpm]": "target", "pressure setpoint [bar abs]": "setpoint", "max flow [l/min]": "max",
+    "Flow std [L/min]": "std", "Normal flow [l/min]": "normal", "dac.setpoint_bar_gauge": "setpoint",
+    "n_soll [1/min]": "soll", "Solldruck [bar abs]": "solldruck", "Pmax [bar abs]": "pmax",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("heading", OTHERS)
+def test_what_may_be_a_set_point_or_a_limit_is_not_sure(proposed, heading):
+    text = proposed(f"{heading};No\n2.5;1\n2.6;2\n")
+    assert f"# Unsure: '{OTHERS[heading]}': is it a reading, and no set-point, limit or flow that" in text
+    assert f'# column = "{heading}"' in text.splitlines()
+
+
+@pytest.mark.parametrize("heading", ["flow_sl_min", "flowmeter.flow_sl_min", "Q nl_min"])
+def test_a_flow_whose_name_ends_as_that_of_a_standard_one_is_one(proposed, heading):
+    text = proposed(f"{heading};No\n2.5;1\n2.6;2\n")
+    assert "# Unsure: to which state does it refer?\n# [columns.flow_l_min]" in text
+    assert "# standard = {pressure_bar_abs = , temperature_c = }" in text
+
+
 @pytest.mark.parametrize("content", UNSURE)
 def test_what_is_not_sure_stands_as_a_comment_with_the_reason(proposed, content):
     text, (reason, line) = proposed(content + "\n"), UNSURE[content]

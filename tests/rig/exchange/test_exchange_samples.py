@@ -1,6 +1,8 @@
 """A run's samples in the formats of others: each file, read by another maker's reader, holds what the run holds."""
 
 import json
+import os
+import re
 import subprocess
 import sys
 import warnings
@@ -12,6 +14,7 @@ import pyfive
 import pytest
 from nptdms import TdmsFile
 
+from rig.exchange.guess.proposal import propose
 from rig.exchange.importing import import_recording
 from rig.exchange.mapping import read_mapping
 from rig.exchange.samples.channels import BESIDE
@@ -203,6 +206,15 @@ def test_a_group_of_an_exported_tdms_file_is_imported_with_its_marks(run, files,
     np.testing.assert_array_equal(file.columns[FLOW].censor, samples["censored"])
 
 
+def test_an_exported_tdms_file_says_which_format_can_be_imported_whole(files, tmp_path):
+    told = "of a run's export one channel at a time: to import several, export it as .parquet, .h5 or .mf4"
+    assert f"# Unsure: one file has one group, {told}; the columns below are of all\n" in propose(files[".tdms"])
+    text = MAPPING.format(reader="tdms", table="") + COLUMN.format(name=FLOW, column="value", unit="L/min")
+    (tmp_path / "map.toml").write_text(text)
+    with pytest.raises(RunError, match=re.escape(told)):
+        import_recording([files[".tdms"]], read_mapping(tmp_path / "map.toml"), tmp_path / "recording")
+
+
 def test_a_killed_run_and_a_name_that_is_taken_are_refused(run, tmp_path):
     with RunWriter.create(tmp_path / "runs", start_of()) as writer:
         Bench(writer).zero("start")
@@ -238,6 +250,12 @@ def test_a_full_disk_leaves_nothing_half_written(run, tmp_path, ending, most):
     command = [sys.executable, "-B", "-W", "ignore", "-c", FULL, str(run.folder), str(file), str(most)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, "cannot be written" in done.stdout) == (2, True), done
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_that_a_format_does_not_take_is_told_as_that(run, tmp_path):
+    with pytest.raises(RunError, match="this format takes no name that is not UTF-8; give another"):
+        export_samples(run, tmp_path / os.fsdecode(b"caf\xe9.parquet"))
     assert list(tmp_path.iterdir()) == []
 
 
