@@ -13,6 +13,7 @@ from rig.recording.safe_text import harmless
 
 PLACE = ("balance", "channel", "coordinate")
 FIGURES = ("mean", "sd", "q05", "q95")
+UNIT = "unit"
 TEXT, NUMBER, WHOLE, FLAG, SET, SETS = "text", "number", "whole", "flag", "set", "sets"
 DIAGNOSIS_COLUMNS = {
     "name": TEXT,
@@ -29,6 +30,7 @@ DIAGNOSIS_COLUMNS = {
     "set_probability": NUMBER,
     "elpd_gain": NUMBER,
     **{f"place_{key}": TEXT for key in PLACE},
+    "f_overall_unit": TEXT,
     **{f"f_overall_{when}_{key}": NUMBER for when in ("before", "after") for key in FIGURES},
     "diagnosis": TEXT,
 }
@@ -67,6 +69,7 @@ def diagnosis_row(result: Result) -> dict[str, Any]:
         "alternatives": found["alternatives"],
         "set_probability": found["set_probability"],
         "elpd_gain": held_out.get("elpd_gain"),
+        "f_overall_unit": found.get("friction_unit", "N m s"),
         "diagnosis": json.dumps(found),
     }
     made |= {f"place_{key}": place.get(key) for key in PLACE}
@@ -77,7 +80,7 @@ def diagnosis_row(result: Result) -> dict[str, Any]:
 
 
 def fit_row(result: Result) -> dict[str, Any]:
-    """A fit as a row: whether the model fits, each unknown's mean, sd and 90 % interval."""
+    """A fit as a row: whether the model fits, each unknown's mean, sd and 90 % interval, and its unit."""
     made = dict.fromkeys(FIT_FIRST) | {"name": result.name, "error": result.error, "seconds": result.seconds}
     found = (result.value or {}).get("posterior")
     if found is None:
@@ -86,14 +89,14 @@ def fit_row(result: Result) -> dict[str, Any]:
     made |= {key: found["fit_quality"][key] for key in ("p_value", "model_fits")}
     made |= {key: found["convergence"][key] for key in ("rhat_max", "ess_min")}
     for name, one in found["parameters"].items():
-        made |= {f"{name}_{key}": one[key] for key in FIGURES}
+        made |= {f"{name}_{key}": one[key] for key in (*FIGURES, UNIT)}
     return made
 
 
 def fit_columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Columns of fits: what is always there, then every unknown that occurs."""
     unknowns = dict.fromkeys(key for row in rows for key in row if key not in FIT_FIRST)
-    return FIT_FIRST | dict.fromkeys(unknowns, NUMBER)
+    return FIT_FIRST | {key: TEXT if key.endswith(f"_{UNIT}") else NUMBER for key in unknowns}
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> bytes:

@@ -80,7 +80,19 @@ def test_effects_that_are_named_have_their_trend_and_what_is_unresolved_has_none
     table = list(csv.DictReader(trend.table(rows).decode().splitlines()))
     assert [row["date"] for row in table] == ["2026-01-01", "2026-03-01", "2026-05-01", "2026-06-01"]
     assert [row["leakage.conductance_kg_s_pa2_mean"] for row in table] == ["", "2e-14", "4e-14", ""]
+    assert [row["leakage.conductance_kg_s_pa2_unit"] for row in table] == ["", "kg/(s Pa2)", "kg/(s Pa2)", ""]
+    assert [row["f_overall_unit"] for row in table] == ["N m s"] * 4
     assert [row["reliable"] for row in table] == ["True", "True", "True", "False"]
+
+
+def test_the_friction_of_a_slide_has_its_own_unit() -> None:
+    turns = [diagnosed(f"motor/{month}", f"2026-0{month}-01", 0.06 + 0.002 * month, None) for month in (1, 2, 3)]
+    slides = [diagnosed(f"axis/{month}", f"2026-0{month}-01", 20.0 + month, None) for month in (1, 2, 3)]
+    rows = [one | {"motor": "ptm3600"} for one in turns]
+    rows += [one | {"motor": "driven_axis", "f_overall_unit": "N s/m"} for one in slides]
+    assert {one.motor: one.unit for one in trend.trends(rows)} == {"ptm3600": "N m s", "driven_axis": "N s/m"}
+    table = list(csv.DictReader(trend.table(rows).decode().splitlines()))
+    assert {row["motor"]: row["f_overall_unit"] for row in table} == {"ptm3600": "N m s", "driven_axis": "N s/m"}
 
 
 def test_fits_have_the_trend_of_f_overall_where_the_model_fits() -> None:

@@ -79,6 +79,7 @@ def test_damaged_runs_are_told_with_all_that_is_wrong_and_the_others_are_fitted(
     fitted = [Path(one).name for one, row in rows.items() if not row["error"]]
     assert fitted == ["no_bytes"], rows["fleet/no_bytes"]["error"]
     assert float(rows["fleet/no_bytes"]["f_overall_mean"]) > 0.0
+    assert [rows["fleet/no_bytes"][f"{name}_unit"] for name in ("f_overall", "port_lap")] == ["N m s", "deg"]
     lines = [line for line in done.stderr.splitlines() if line.startswith("spinbench: fleet/")]
     told = {line.split(": ")[1].removeprefix("fleet/"): line for line in lines}
     assert not any("Error: " in line for line in lines)

@@ -78,16 +78,17 @@ def trends(rows: Sequence[Mapping[str, Any]]) -> list[Trend]:
     `rows`: of the table of fits or of diagnoses; what is not to be relied on is left out.
     """
     found: dict[tuple[str, str], list[Figure]] = {}
-    motors = motors_of(rows)
+    motors, units = motors_of(rows), {}
     for row in rows:
         if not is_reliable(row):
             continue
         motor = motors[str(row["recording"])]
+        units[motor] = unit_of(row)
         for effect, (mean, sd) in figures_of(row).items():
             found.setdefault((motor, effect), []).append(Figure(str(row["recording"]), parsed(row["date"]), mean, sd))
     ordered = sorted(found.items(), key=lambda one: (one[0][0], one[0][1] != ""))
     return [
-        _trend(motor, effect, in_order(figures, lambda one: one.taken))
+        _trend(motor, effect, in_order(figures, lambda one: one.taken), units[motor])
         for (motor, effect), figures in ordered
         if len(figures) > 1
     ]
@@ -153,6 +154,11 @@ def figures_of(row: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     return found
 
 
+def unit_of(row: Mapping[str, Any]) -> str:
+    """The unit of a recording's f_overall: of a slide another than of what turns."""
+    return str(row.get("f_overall_unit") or "N m s")
+
+
 def sentence(trend: Trend) -> str:
     """The slope with its uncertainty, and what the scatter about the line says."""
     n = len(trend.figures)
@@ -186,20 +192,19 @@ def table(rows: Sequence[Mapping[str, Any]]) -> bytes:
     """
     rows = [*in_order([row for row in rows if not row["error"]], _taken), *(row for row in rows if row["error"])]
     told = [figures_of(row) for row in rows]
-    names = {effect: f"{effect}.{effects()[effect].amplitude.name}" for one in told for effect in one if effect}
-    names = {"": F_OVERALL} | names
+    named = dict.fromkeys(effect for one in told for effect in one if effect)
+    names = {"": F_OVERALL} | {effect: f"{effect}.{effects()[effect].amplitude.name}" for effect in named}
     of = ("date", "motor_serial", "motor")
     columns = dict.fromkeys(("recording", *of), many_table.TEXT) | {"reliable": many_table.FLAG}
-    columns |= {f"{name}_{key}": many_table.NUMBER for name in names.values() for key in ("mean", "sd")}
+    for name in names.values():
+        columns |= {f"{name}_{key}": many_table.NUMBER for key in ("mean", "sd")} | {f"{name}_unit": many_table.TEXT}
     made = []
     for row, one in zip(rows, told, strict=True):
-        cells = {
-            f"{names[effect]}_{key}": value
-            for effect, pair in one.items()
-            for key, value in zip(("mean", "sd"), pair, strict=True)
-        }
-        first = {"recording": str(row["recording"])} | {key: row.get(key) for key in of}
-        made.append(first | {"reliable": is_reliable(row)} | cells)
+        cells = {"recording": str(row["recording"]), "reliable": is_reliable(row)} | {key: row.get(key) for key in of}
+        for effect, (mean, sd) in one.items():
+            name, unit = names[effect], effects()[effect].amplitude.unit if effect else unit_of(row)
+            cells |= {f"{name}_mean": mean, f"{name}_sd": sd, f"{name}_unit": unit}
+        made.append(cells)
     return many_table.as_csv(made, columns)
 
 
@@ -212,10 +217,10 @@ def picture(found: Sequence[Trend]) -> bytes:
     return along_dates.picture([_panel(one) for one in found])
 
 
-def _trend(motor: str, effect: str, figures: Sequence[Figure]) -> Trend:
+def _trend(motor: str, effect: str, figures: Sequence[Figure], friction_unit: str) -> Trend:
     title = f"{effects()[effect].title} ({effect})" if effect else F_OVERALL
     title += f" of {motor}" if motor else ""
-    unit = effects()[effect].amplitude.unit if effect else "N m s"
+    unit = effects()[effect].amplitude.unit if effect else friction_unit
     at, per = _places(figures)
     line = line_through(at, [one.mean for one in figures], [one.sd for one in figures])
     return Trend(effect, title, unit, figures, line, per, motor)

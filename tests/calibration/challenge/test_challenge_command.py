@@ -163,9 +163,9 @@ def test_a_fit_s_row_has_every_unknown():
     table = many_table.as_csv(rows, many_table.fit_columns(rows)).decode().splitlines()
     assert table == [
         "name,date,motor_serial,motor,motor_sha256,error,seconds,p_value,model_fits,rhat_max,ess_min,"
-        "f_overall_mean,f_overall_sd,f_overall_q05,f_overall_q95",
-        "good,2026-05-28,PTM-7,the motor ptm3600,ab,,9.0,0.0001,False,1.001,2100.0,0.064,0.002,0.06,0.067",
-        "bad,,,,,RecordingError: no flow,0.1,,,,,,,,",
+        "f_overall_mean,f_overall_sd,f_overall_q05,f_overall_q95,f_overall_unit",
+        "good,2026-05-28,PTM-7,the motor ptm3600,ab,,9.0,0.0001,False,1.001,2100.0,0.064,0.002,0.06,0.067,N m s",
+        "bad,,,,,RecordingError: no flow,0.1,,,,,,,,,",
     ]
 
 
