@@ -223,6 +223,16 @@ class Motor(Strict):
             data["parameters"][name]["value"] = float(value)
         return configs.validate(Motor, data, f"motor {self.name}")
 
+    def with_flywheel(self, added_inertia_kg_m2: float) -> Motor:
+        """The motor with a flywheel on its shaft; ConfigError when it is too heavy."""
+        total, high = self["inertia"].value + added_inertia_kg_m2, QUANTITIES["inertia"].high
+        if total > high:
+            raise ConfigError(
+                f"added_inertia_kg_m2: a flywheel of {added_inertia_kg_m2:g} kg m2 is too heavy to be simulated; with "
+                f"the rotor there may be {high:g} kg m2 on the shaft"
+            )
+        return self.with_values({"inertia": total})
+
     def with_readings(self, **readings: str | bool) -> Motor:
         """A motor read in another way, for example ``torque="virtual_work"``; ConfigError when unknown."""
         data = self.model_dump()

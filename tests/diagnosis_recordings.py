@@ -33,8 +33,7 @@ relative_humidity = 0.0
 def _motor_of(folder: Path) -> Motor:
     """The motor with what is on its shaft, in the room of a recording."""
     recording = read_recording(folder)
-    motor = at_ambient(read_motor("ptm3600"), recording)
-    return motor.with_values({"inertia": motor["inertia"].value + recording.added_inertia_kg_m2})
+    return at_ambient(read_motor("ptm3600"), recording).with_flywheel(recording.added_inertia_kg_m2)
 
 
 def sweep(

@@ -147,9 +147,7 @@ def motor_of(bench: Bench, ambient: Ambient) -> Motor:
         "inlet_temperature": ambient.temperature_c + ZERO_C,
         "relative_humidity": ambient.relative_humidity,
     }
-    motor = read_motor(bench.motor)
-    values["inertia"] = motor["inertia"].value + bench.file.added_inertia_kg_m2
-    return motor.with_values(values)
+    return read_motor(bench.motor).with_values(values).with_flywheel(bench.file.added_inertia_kg_m2)
 
 
 def _resolution(rate: Rate) -> str:

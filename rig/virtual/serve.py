@@ -209,7 +209,7 @@ def _plant(bench: Bench) -> Plant:
     """Line and motor as they really are: the motor's file, in the bench's room, with the truth of the bench file."""
     truth = bench.file.virtual.truth if bench.file.virtual else {}
     rotor, line = read_truth(motor_in_room(bench), truth, bench.name)
-    motor = rotor.with_values({"inertia": rotor["inertia"].value + bench.file.added_inertia_kg_m2})
+    motor = rotor.with_flywheel(bench.file.added_inertia_kg_m2)
     trial = Plant(motor, line)  # compiles the model before the clock starts
     trial.order(2.0)
     trial.advance(NS // 10)

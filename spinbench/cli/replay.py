@@ -101,7 +101,7 @@ def _against_model(run: Run, out: Path | None) -> None:
     measured = channels_of(run)
     room = room_said(run)
     motor = in_room(read_motor(run.start.motor), room.pressure_bar_abs, room.temperature_c, room.relative_humidity)
-    motor = motor.with_values({"inertia": motor["inertia"].value + run.start.added_inertia_kg_m2})
+    motor = motor.with_flywheel(run.start.added_inertia_kg_m2)
     with counting("model", 1) as tell:
         try:
             simulated = drive(motor, measured.pressure_time_s, measured.pressure_pa, STEP_S)

@@ -232,6 +232,13 @@ def test_set_of_nothing_changes_nothing():
     assert motor.set_values(PTM3600, []) == PTM3600
 
 
+def test_a_flywheel_adds_to_the_rotor_and_one_that_is_too_heavy_is_refused_by_its_own_name():
+    heavy = PTM3600.with_flywheel(0.015)
+    assert heavy.si("inertia") == pytest.approx(PTM3600.si("inertia") + 0.015)
+    with pytest.raises(ConfigError, match=r"^added_inertia_kg_m2: a flywheel of 20 kg m2 is too heavy"):
+        PTM3600.with_flywheel(20.0)
+
+
 @pytest.mark.parametrize(
     ("assignment", "message"),
     [
