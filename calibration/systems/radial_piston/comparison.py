@@ -28,7 +28,7 @@ from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Places
 from calibration.systems.radial_piston import derivatives, not_described, run_starts, valley
 from calibration.systems.radial_piston.base import base_of
-from calibration.systems.radial_piston.next_tests.planned import expected_readings, planned
+from calibration.systems.radial_piston.next_tests.planned import expected_readings, line_of, planned
 from calibration.systems.radial_piston.next_tests.quantities import expected_quantity, quantities
 from calibration.systems.radial_piston.noise import Noise, Whitener
 from calibration.systems.radial_piston.places.balances import balances
@@ -240,12 +240,18 @@ class Comparison(Compared):
             ordinary_speed=ordinary_speed,
         )
 
-    def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
-        """Tests that this bench could make, then quantities that could be read; none without plateaus."""
+    def tests(self, rivals: Sequence[Mode], runs: tuple[Comparison, Mode] | None = None) -> Iterator[Test]:
+        """Tests that this bench could make, then quantities that could be read; none without plateaus.
+
+        `runs`: a recording whose runs in time show how the bench takes them, and its most probable point; this one's
+            own, when left out.
+        """
         if not self.n:
             return
-        for plan in planned(self):
-            yield Test(plan.words, "", partial(expected_readings, plan, self), plan.capture)
+        on, likeliest = runs or (self, rivals[0])
+        line = line_of(on, likeliest)
+        for plan in planned(self, on):
+            yield Test(plan.words, "", partial(expected_readings, plan, self, line=line), plan.capture)
         for one in quantities(self, rivals[0]):
             words = f"{one.words}: {one.needs}" if one.needs else one.words
             yield Test(words, one.needs, partial(expected_quantity, one, self.problem))

@@ -221,13 +221,18 @@ class Several(Compared):
         return next((f"{name}: {words}" for name, words in each if words), "")
 
     def tests(self, rivals: Sequence[Mode]) -> Iterator[Test]:
-        """Tests that the bench of the last recording with plateaus could make, with what all of them say."""
+        """Tests that the bench of the last recording with plateaus could make, with what all of them say.
+
+        How it takes runs in time the last recording with one shows.
+        """
         k = max((k for k, part in enumerate(self.parts) if part.n), default=0)
+        last = max((i for i, part in enumerate(self.parts) if part.problem.blocks.runs), default=k)
+        runs = self.parts[last], self.of_part(last, rivals[0])
 
         def read(test: Test, of: Sequence[Mode]) -> list[Expected]:
             return test.expected([self.of_part(k, mode) for mode in of])
 
-        for test in self.parts[k].tests([self.of_part(k, mode) for mode in rivals]):
+        for test in self.parts[k].tests([self.of_part(k, mode) for mode in rivals], runs):
             yield replace(test, expected=partial(read, test))
 
     def rows_used(self) -> list[FileUse]:

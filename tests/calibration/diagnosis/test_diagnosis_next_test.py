@@ -287,7 +287,7 @@ def test_a_gauge_that_repeats_itself_is_as_slow_as_it_measures(tmp_path):
     held = 1.5 + 0.01 * np.floor(time / 0.05)
     column = Column(held, np.zeros(held.size, np.int8))
     files = [replace(run, columns={**run.columns, "pressure_bar_abs": column})]
-    assert _gauge_s(replace(recording, files=tuple(files)), "pressure_bar_abs") == pytest.approx(0.05, abs=0.006)
+    assert _gauge_s(replace(recording, files=tuple(files))) == pytest.approx(0.05, abs=0.006)
 
 
 def test_one_explanation_has_nothing_to_be_parted_from(comparison, base):

@@ -17,6 +17,7 @@ from calibration.diagnosis import as_json, diagnose, mismatch
 from calibration.report.fit.words import next_command
 from calibration.report.origin import name_of
 from calibration.systems.look_up import compared
+from calibration.systems.radial_piston.next_tests.planned import line_of, planned
 from calibration.systems.several.comparison import Several
 from model import layout as at
 from model.motor import read_motor
@@ -208,6 +209,26 @@ def test_a_flywheel_at_a_file_is_on_the_shaft_in_that_run_alone(tmp_path: Path) 
     comparison, base = mismatch.fit_base(replace(seen, files=files), lambda _: None)
     forgotten = mismatch.test_base(comparison, base, np.random.default_rng(1)).detection
     assert forgotten.p_value < 1e-9  # of such a mismatch no verdict is "consistent"
+
+
+def test_a_next_test_is_promised_with_the_line_and_the_gauge_of_the_runs_of_another_recording(tmp_path: Path) -> None:
+    """The sweep has none: a quick line and a gauge of 10 Hz would be supposed."""
+    seen = with_a_flywheel_in_the_coast_down_alone(tmp_path / "bench", 3)
+    several = compared(seen)
+    assert isinstance(several, Several)
+    sweep, run = several.parts
+    assert sweep.n and not run.n
+    base = several.base()
+    found = list(several.tests([base]))
+    lines = [test.expected.args[0].expected.keywords["line"] for test in found if test.capture]
+    shown = line_of(run, several.of_part(1, base))
+    assert {"venting_time", "venting_valve", "venting_bend"} <= set(shown)
+    assert lines and all(line == shown for line in lines)
+    (run_file,) = run.problem.recording.files
+    gauge = run_file.columns["pressure_bar_abs"].values
+    coast_down = next(plan for plan in planned(sweep, run) if plan.words.startswith("coast-down"))
+    there = coast_down.recording.files[1].columns["pressure_bar_abs"].values
+    assert np.mean(np.isfinite(there)) == pytest.approx(np.mean(np.isfinite(gauge)), abs=0.02)
 
 
 def test_a_flywheel_at_a_file_is_written_and_read_again(tmp_path: Path) -> None:

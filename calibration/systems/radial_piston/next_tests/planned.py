@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -81,9 +81,12 @@ class Level:
         return np.full(PLATEAUS, self.read_bar)
 
 
-def planned(comparison: Comparison) -> list[Planned]:
-    """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest."""
-    bench = _Bench(comparison)
+def planned(comparison: Comparison, on: Comparison | None = None) -> list[Planned]:
+    """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest.
+
+    `on`: the recording whose runs in time show how this bench takes them; the same, when left out.
+    """
+    bench = _Bench(comparison, on or comparison)
     top = min(bench.top, bench.allowed())
     bottom = min(bench.low, top)
     low, middle, highest, more = map(bench.settable, (bottom, 0.5 * (bottom + top), top, bench.higher()))
@@ -115,11 +118,11 @@ def planned(comparison: Comparison) -> list[Planned]:
 
 
 class _Bench:
-    """The instruments and habits of a recording."""
+    """The instruments and habits of a recording, and of its runs in time, or of those of another."""
 
-    def __init__(self, comparison: Comparison) -> None:
+    def __init__(self, comparison: Comparison, on: Comparison) -> None:
         self.seen = comparison.problem.recording
-        plateaus, runs = comparison.problem.blocks.plateaus, comparison.problem.blocks.runs
+        plateaus, runs = comparison.problem.blocks.plateaus, on.problem.blocks.runs
         self.columns = {channel: column_of(self.seen, channel) for channel in ("pressure", "flow", "speed")}
         self.is_gauge = "gauge" in str(self.columns["pressure"])
         self.room = comparison.problem.motor.si("ambient_pressure") / BAR
@@ -135,7 +138,7 @@ class _Bench:
         self.pause = float(np.median(np.diff(np.unique(plateaus.time)))) if np.ptp(plateaus.time) > 0.0 else 40.0
         shown_every = self.seen.channels[str(self.columns["speed"])].window_s if self.columns["speed"] else None
         self.sample = float(np.median(np.diff(runs[0].time))) if runs else max(SAMPLE_S, shown_every or 0.0)
-        self.gauge_every = max(round(_gauge_s(self.seen, str(self.columns["pressure"])) / self.sample), 1)
+        self.gauge_every = max(round(_gauge_s(on.problem.recording) / self.sample), 1)
         self.noisier = float(np.max(runs[0].noise_scale)) if runs else NOISIER
         self.inertia = comparison.problem.motor.si("inertia")
 
@@ -207,14 +210,15 @@ class _Bench:
         return found
 
 
-def _gauge_s(seen: Recording, column: str) -> float:
+def _gauge_s(seen: Recording) -> float:
     """How long it is from one reading of the gauge to the next in a recording's runs in time [s].
 
     What only repeats the reading before is none.
     """
-    gaps, figures = [np.zeros(0)], seen.channels[column]
+    column = str(column_of(seen, "pressure"))
+    gaps, figures = [np.zeros(0)], seen.channels.get(column)
     for file in seen.files:
-        if file.kind == "transient" and column in file.columns:
+        if figures is not None and file.kind == "transient" and column in file.columns:
             values = file.columns[column].values
             old = repeated(values, figures.noise_sd * file.noise_scale, figures.resolution)
             gaps.append(np.diff(file.columns["time_s"].values[np.isfinite(values) & ~old]))
@@ -230,17 +234,21 @@ def _file(
     return RecordingFile(name, kind, start, noise, rows, columns, way)  # type: ignore[arg-type]
 
 
-def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -> list[Expected]:
+def expected_readings(
+    plan: Planned, seen: Comparison, rivals: Sequence[Mode], line: Mapping[str, float] | None = None
+) -> list[Expected]:
     """What a test would read under each rival, with all that the recording leaves open of it.
 
     The motor, the effects and the errors of instruments that have a serial number are known as well as the recording
     tells, but for a drift that is declared. What is new on another day, such as the room or the shaft's angle, is
     anybody's guess; so is the line, about what a run of the recording says of the bench's. Raises ArithmeticError when
     the rotor would not turn in a run in time, or the bench's tachometer gives too few readings of it.
+
+    `line`: what a run says of it, of `line_of`; of this recording's own, when left out.
     """
-    there = seen.of(plan.recording)
+    there, line = seen.of(plan.recording), line_of(seen, rivals[0]) if line is None else line
     stays = of_any_day(seen.problem)
-    first = _on_this_bench(seen, rivals[0], there, carried(seen.problem, rivals[0], there.problem, stays)[0])
+    first = _on_this_bench(line, there, carried(seen.problem, rivals[0], there.problem, stays)[0])
     if there.problem.blocks.runs:  # which samples are compared hangs on the speeds that are read
         likely = _mean(there, rivals[0].names)(first)
         there = seen.of(_as_captured(plan.recording, there.problem.blocks.runs[0], likely.runs[0]))
@@ -250,20 +258,26 @@ def expected_readings(plan: Planned, seen: Comparison, rivals: Sequence[Mode]) -
     found = []
     for one in rivals:
         z, covariance, new = carried(seen.problem, one, there.problem, stays)
-        z = _on_this_bench(seen, rivals[0], there, z)  # no rival's own: a line tells nothing of the motor
+        z = _on_this_bench(line, there, z)  # no rival's own: a line tells nothing of the motor
         found.append(_expected(there, common, one, z, covariance, new))
     return found
 
 
-def _on_this_bench(seen: Comparison, likeliest: Mode, there: Comparison, z: np.ndarray) -> np.ndarray:
-    """A point there [-] whose line fills and empties as in the last run of a recording that does so."""
-    found, z = {}, z.copy()
-    for unknown, value in zip(seen.problem.nuisances, likeliest.z, strict=False):
-        if isinstance(unknown.of, OfRun) and unknown.of.what in OF_THE_BENCH:
-            found[unknown.of.what] = value
+def line_of(seen: Comparison, likeliest: Mode) -> dict[str, float]:
+    """How the line fills and empties in the last run of a recording that does so: what of it, and its unknown [-]."""
+    return {
+        unknown.of.what: float(value)
+        for unknown, value in zip(seen.problem.nuisances, likeliest.z, strict=False)
+        if isinstance(unknown.of, OfRun) and unknown.of.what in OF_THE_BENCH
+    }
+
+
+def _on_this_bench(line: Mapping[str, float], there: Comparison, z: np.ndarray) -> np.ndarray:
+    """A point there [-] with the bench's line."""
+    z = z.copy()
     for i, unknown in enumerate(there.problem.nuisances):
-        if isinstance(unknown.of, OfRun) and unknown.of.what in found:
-            z[i] = found[unknown.of.what]
+        if isinstance(unknown.of, OfRun) and unknown.of.what in line:
+            z[i] = line[unknown.of.what]
     return z
 
 
