@@ -24,7 +24,7 @@ SEED ?=
 help:
 	@echo "make demo    install, sweep a virtual bench that conceals physics, name it, reveal it: $(OUT)/demo/index.html"
 	@echo "make test    install, then lint, type-check and test"
-	@echo "make long    the tests that take longer: whole fits, diagnoses and campaigns, ten minutes"
+	@echo "make long    the tests that take longer: whole fits, diagnoses and campaigns, 15 to 40 minutes"
 	@echo "make live    long tests of a bench that runs, from its bytes on; on a machine that does nothing else"
 	@echo "make quick   lint and the quick tests, within a minute: for the inner loop"
 	@echo "make setup   make $(VENV) with the command $(BIN)/spinbench"

@@ -106,7 +106,7 @@ def solve_rows(
 
     `parameters`, shape (n, 27): parameter sets in SI units, one a row.
     `gas`, shape (n, 12): gas of each row, of `gas_table`.
-    `known`, shape (n, 27): what a call before left of states close by, 0 where nothing is known: it saves passes.
+    `known`, shape (n, 26): what a call before left of states close by, 0 where nothing is known: it saves passes.
         Renewed.
     Returns an array, shape (n, 9): columns as in `solve`.
     """
