@@ -354,7 +354,7 @@ def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict)
         base = [c for c in candidates if not c.names]
         hidden = behind_friction(comparison, base[0], candidates) if base else []
         likely = [*hidden, *(c for c in not_excluded(candidates) if c not in hidden)]
-        return [*base, *likely] if likely else []
+        return [*base, *sorted(likely, key=lambda c: -c.log_probability)] if likely else []
     if verdict.chosen is None:
         sets = [c for c in candidates if c.names]  # most probable first
         return sorted(sets, key=lambda c: bool(c.refused))[:MOST_RIVALS]

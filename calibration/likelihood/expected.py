@@ -24,6 +24,8 @@ class Expected:
         one sd [-].
     `inexact`, shape (m, m): covariance of what the model has wrong, the same in each repeat [-].
     `own`, shape (m, m): covariance of noise and of all that is new in each repeat [-].
+    `left`: from such a place to residuals, half of whose squares is what the recording and the priors have against it
+        [nats]. None: the place itself is.
     `at`: from a place along the directions, shape (k,) [-], to the readings there; nan where there are none. None: they
         are straight.
     """
@@ -33,6 +35,7 @@ class Expected:
     inexact: np.ndarray
     own: np.ndarray
     at: Callable[[np.ndarray], np.ndarray] | None = None
+    left: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 def directions(covariance: np.ndarray) -> np.ndarray:

@@ -48,24 +48,26 @@ def log_density(one: Expected, read: np.ndarray, repeats: int = 1) -> float:
         found: np.ndarray = solve_triangular(root, difference, lower=True)
         return found
 
-    at, m, k = one.at, *one.slopes.shape
+    at, left, m, k = one.at, one.left or np.copy, *one.slopes.shape
     straight = white(one.slopes)
 
     def misfit(place: np.ndarray) -> np.ndarray:
         here = one.mean + one.slopes @ place if at is None else at(place)
-        return np.append(white(read - here) if np.isfinite(here).all() else np.full(m, FAR_OFF), place)
+        return np.append(white(read - here) if np.isfinite(here).all() else np.full(m, FAR_OFF), left(place))
 
     def slopes(place: np.ndarray) -> np.ndarray:
         J = straight
         if at is not None:
             J = white(np.column_stack(each(partial(_slope, at, place, at(place)), np.eye(k))))
-        return np.vstack([-J, np.eye(k)])
+        now = left(place)
+        return np.vstack([-J, np.column_stack([_slope(left, place, now, one) for one in np.eye(k)])])
 
     settled = -float(np.sum(np.log(np.diag(root))))
     if not k:
         return settled - 0.5 * float(np.sum(misfit(np.zeros(0)) ** 2))
     found = least_squares(misfit, np.zeros(k), slopes, ftol=CLOSE, xtol=CLOSE, gtol=CLOSE, max_nfev=MOST_LOOKS)
-    return settled - float(found.cost) - 0.5 * float(np.linalg.slogdet(found.jac.T @ found.jac)[1])
+    cost = float(found.cost) - 0.5 * float(np.sum(left(np.zeros(k)) ** 2))
+    return settled - cost - 0.5 * float(np.linalg.slogdet(found.jac.T @ found.jac)[1])
 
 
 def _slope(at: Callable[[np.ndarray], np.ndarray], place: np.ndarray, now: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
 from calibration.data.blocks import levels
@@ -22,8 +23,16 @@ from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Expected, Test
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
-from calibration.systems.radial_piston.next_tests.planned import FLYWHEEL, _gauge_s, expected_readings, planned
+from calibration.systems.radial_piston.next_tests.planned import (
+    FLYWHEEL,
+    _gauge_s,
+    _left_open,
+    _straight_on,
+    expected_readings,
+    planned,
+)
 from calibration.systems.radial_piston.predict.problem import Problem
+from calibration.unknowns.priors import Unknown
 from model import layout as at
 from rig.recording import Column, read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
@@ -359,6 +368,37 @@ def test_a_gauge_that_drifts_from_day_to_day_promises_less(comparison, base):
     one = (0.004 / noise_bar) ** 2 * 10.0  # the mean of ten readings, in its noise
     assert np.max(added) == pytest.approx(one, rel=0.05)
     assert np.count_nonzero(np.abs(added) > 1e-9) == 1
+
+
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        Unknown("roller_friction", "1", "lognormal", 0.008, 2.0, ""),
+        Unknown("offset_pa", "Pa", "size", 0.0, 500.0, ""),
+        Unknown("ambient_pressure", "Pa", "normal", 101325.0, 150.0, ""),
+    ],
+)
+def test_what_is_against_a_step_is_that_of_readings_straight_in_the_quantity_and_of_the_prior(unknown):
+    """A sweep reads the quantity itself: along the tangent a step of four sds would cost far more, or less."""
+
+    def value(z: float) -> float:
+        return float(unknown.value(np.asarray(z)))
+
+    noise = 0.4 * (value(0.5) - value(-0.5))
+    read = value(1.2) + noise
+
+    def against(z: float) -> float:
+        return 0.5 * ((read - value(z)) / noise) ** 2 + 0.5 * z**2
+
+    mode = float(minimize_scalar(against, bounds=(0.0, 3.0), method="bounded", options={"xatol": 1e-10}).x)
+    slope = (value(mode + 1e-4) - value(mode - 1e-4)) / 2e-4 / noise
+    sd = 1.0 / math.sqrt(slope**2 + 1.0)
+    left = _left_open([unknown], np.array([mode]), np.array([[sd**2]]), np.array([False]), np.array([[sd]]))
+    none = 0.5 * float(np.sum(left(np.zeros(1)) ** 2))
+    for place in (-2.0, -1.0, 1.0, 4.0):
+        z = float(_straight_on([unknown], np.array([mode]), np.array([sd * place]))[0])
+        found = 0.5 * float(np.sum(left(np.array([place])) ** 2)) - none
+        assert found == pytest.approx(against(z) - against(mode), rel=1e-3, abs=1e-3)
 
 
 def test_an_explanation_that_can_read_like_the_true_one_is_not_told_apart():

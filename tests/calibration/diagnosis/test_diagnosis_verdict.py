@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -478,6 +479,17 @@ def test_a_practice_recording_is_not_misnamed(name: str) -> None:
         assert any(said in CASES[name] for said in sets_said(found))
         if found["verdict"] == "named":
             assert {e["id"] for e in found["effects"]} in CASES[name]
+
+
+def test_the_most_probable_of_what_is_possible_is_told_apart_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A friction that f_overall hides is one of three that the next test is weighed for, and not ahead of likelier."""
+    sets = (("load_friction",), ("coulomb_friction",), ("leakage",), ())
+    candidates = [
+        Candidate(names, None, 0.0, math.log(p)) for names, p in zip(sets, (0.4, 0.2, 0.21, 0.19), strict=True)
+    ]
+    monkeypatch.setattr(sys.modules[_rivals.__module__], "behind_friction", lambda *_: [candidates[1]])
+    rivals = _rivals(SimpleNamespace(), candidates, judge(0.4, candidates, {}, None))
+    assert [one.names for one in rivals] == [(), ("load_friction",), ("leakage",), ("coulomb_friction",)]
 
 
 def test_all_sets_that_are_not_excluded_are_said_to_be_possible() -> None:
