@@ -324,8 +324,7 @@ def _left_open(
 ) -> Callable[[np.ndarray], np.ndarray]:
     """From a place along the directions in which a recording leaves a rival open [-] to what there is against it.
 
-    What the recording says is straight in the quantities, a prior in its own coordinate: five times the roller friction
-    is 2.3 prior sds, and 6 along the tangent. At the most probable point the two pull alike.
+    What it says is straight in the quantities, a prior in its own coordinate; where both pull alike is the point.
 
     `z`, `covariance`: the point there and what it is known by [-]. `new`: what the recording does not tell.
     `open_`, shape (n, k): directions there [-].
