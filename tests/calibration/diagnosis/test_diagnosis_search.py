@@ -410,6 +410,7 @@ def test_of_a_coast_down_only_what_follows_the_closing_valve_is_compared(tmp_pat
     assert np.flatnonzero(run.used)[0] == np.flatnonzero(run.begin >= closed - 1e-9)[0]
 
 
+@pytest.mark.long
 def test_a_line_that_empties_late_is_no_missing_physics(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 4, {})
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 4, {}, late=0.004)))
@@ -534,6 +535,7 @@ def test_a_run_of_a_few_samples_is_left_aside(tmp_path: Path) -> None:
     assert Problem(read_recording(tmp_path)).blocks.runs == ()
 
 
+@pytest.mark.long
 def test_drag_is_found_with_its_size_in_a_coast_down(tmp_path: Path) -> None:
     recordings.sweep(tmp_path, 3, DRAG)
     comparison = Comparison(Problem(recordings.add_coast_down(tmp_path, 3, DRAG)))

@@ -85,6 +85,7 @@ def test_a_warm_up_is_named_and_located_in_time(tmp_path: Path) -> None:
     assert held_out["rmse_after"]["speed_rad_s"] < held_out["rmse_before"]["speed_rad_s"]
 
 
+@pytest.mark.long
 def test_a_misread_row_is_named_with_its_place(tmp_path: Path) -> None:
     found = as_json(diagnose(sweep(tmp_path, 5, {}, bad_row=7), 1))
     assert found["verdict"] == "named" and found["mismatch"]["p_value"] < 0.01

@@ -42,6 +42,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_draws_anew(windy):
     assert fit_quality.judge(windy, 1).p_value != fit_quality.judge(windy, 4).p_value
 
 
+@pytest.mark.long
 def test_a_run_in_time_changes_nothing(tmp_path, clean):
     sweep(tmp_path / "bench", 1, {})
     assert fit_quality.judge(add_coast_down(tmp_path / "bench", 1, WINDAGE), 1) == fit_quality.judge(clean, 1)
