@@ -87,6 +87,20 @@ def axis(rng: np.random.Generator, force: Law = nothing, rho: float = 0.5) -> Re
     return recording({"kind": "driven_axis", "mass_kg": 20.0}, figures, files)
 
 
+def turned_axis(rng: np.random.Generator, inertia: float, flywheel: float) -> Recording:
+    """An axis of 0.02 N m s turned to and fro, its rotor said to have 0.005 kg m2. `inertia`, `flywheel`: [kg m2]."""
+    time, phase = np.arange(0.0, 25.0, 0.01), rng.uniform(0.0, 2.0 * np.pi, 3)
+    w, size = np.array([3.3, 6.9, 12.3]), np.array([12.0, 5.0, 2.0])
+    v = (size * np.sin(np.outer(time, w) + phase)).sum(axis=1)
+    a = (size * w * np.cos(np.outer(time, w) + phase)).sum(axis=1)
+    torque = (inertia + flywheel) * a + 0.02 * v + coloured(rng, time.size, 0.01, 0.8)
+    speed = (v + 0.02 * rng.standard_normal(time.size)) * RPM
+    files = [{"kind": "transient", "time_s": time, "torque_nm": torque, "speed_rpm": speed}]
+    figures = {"torque_nm": (0.01, 0.005, 0.005, 0.0), "speed_rpm": (0.2, 0.0, 0.0005, 0.0)}
+    made = recording({"kind": "driven_axis", "inertia_kg_m2": 0.005}, figures, files)
+    return replace(made, folder=Path(f"with {flywheel:g}"), added_inertia_kg_m2=flywheel)
+
+
 def cylinder(rng: np.random.Generator, dry: float = 0.0, per_pascal: float = 0.0) -> Recording:
     """A piston of 5 cm2 moved to and fro at four pressures; its seal rubs by a constant and by the pressure."""
     files = []

@@ -24,10 +24,10 @@ class Expected:
         one sd [-].
     `inexact`, shape (m, m): covariance of what the model has wrong, the same in each repeat [-].
     `own`, shape (m, m): covariance of noise and of all that is new in each repeat [-].
-    `left`: from such a place to residuals, half of whose squares is what the recording and the priors have against it
-        [nats]. None: the place itself is.
     `at`: from a place along the directions, shape (k,) [-], to the readings there; nan where there are none. None: they
         are straight.
+    `left`: from such a place to residuals: half the sum of their squares, less that at no step, is what the recording
+        and the priors have against it [nats]. None: the place itself.
     """
 
     mean: np.ndarray

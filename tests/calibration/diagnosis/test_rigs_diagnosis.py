@@ -305,3 +305,15 @@ def test_a_run_s_own_zero_is_not_held_against_the_machine() -> None:
 def test_the_code_of_a_diagnosis_holds_every_kind_of_machine() -> None:
     modules = {system.__module__ for system in systems().values()}
     assert modules <= set(imported(DIAGNOSIS))
+
+
+@pytest.mark.parametrize(("seen", "unseen"), [(0.0, 0.015), (0.015, 0.0)])
+def test_an_axis_has_its_rotor_s_inertia_with_any_flywheel(seen: float, unseen: float) -> None:
+    """A rotor that is half as heavy again, and an unseen run with another flywheel."""
+    one, other = (rigs.turned_axis(draw(seed), 0.0075, own) for seed, own in ((1, seen), (2, unseen)))
+    found = as_json(diagnose(one, 1, hold_out=other))
+    (effect,) = found["effects"]
+    share = effect["parameters"]["share"]
+    assert (found["verdict"], effect["id"]) == ("named", "inertia")
+    assert abs(share["mean"] - 0.5) < 3.0 * share["sd"] < 0.2
+    assert found["improvement"]["held_out"]["kind"] == "unseen run"

@@ -324,7 +324,7 @@ def _left_open(
 ) -> Callable[[np.ndarray], np.ndarray]:
     """From a place along the directions in which a recording leaves a rival open [-] to what there is against it.
 
-    What it says is straight in the quantities, a prior in its own coordinate; where both pull alike is the point.
+    What it says is straight in the quantities, a prior in its own coordinate. At the point the two pull alike.
 
     `z`, `covariance`: the point there and what it is known by [-]. `new`: what the recording does not tell.
     `open_`, shape (n, k): directions there [-].
