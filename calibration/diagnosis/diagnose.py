@@ -146,7 +146,7 @@ def _explain(
         unnamed = unexplained(comparison, base, said.detection, verdict.why, unseen_run, rng)
     rivals = _rivals(comparison, candidates, verdict)
     verdict = with_open(replace(verdict, why=unnamed.why), rivals)
-    tests = _next_tests(comparison, rivals, clock)
+    tests = _next_tests(comparison, base, rivals, clock, side_by_side)
     clock("average f_overall")
     unseen = _not_seen(search, verdict, rng)
     clock("")
@@ -336,11 +336,13 @@ def _places(comparison: Compared, first: Detected, said: _Said, base: Mode) -> l
     return places
 
 
-def _next_tests(comparison: Compared, rivals: Sequence[Candidate], clock: StepClock) -> list[NextTest]:
+def _next_tests(
+    comparison: Compared, base: Mode, rivals: Sequence[Candidate], clock: StepClock, side_by_side: SideBySide
+) -> list[NextTest]:
     if not rivals:
         return []
     clock("next test")
-    return propose(comparison, rivals)
+    return propose(comparison, rivals, base, side_by_side, clock.tell)
 
 
 def _rivals(comparison: Compared, candidates: list[Candidate], verdict: Verdict) -> list[Candidate]:

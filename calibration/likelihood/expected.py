@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
+from calibration.likelihood.compared import Compared
 from calibration.likelihood.mode import Mode
 
 MODEL_SD = 5e-3  # of flow and speed: what two solutions of a model's equations differ by
@@ -46,6 +48,17 @@ def directions(covariance: np.ndarray) -> np.ndarray:
     return found
 
 
+class Taken(NamedTuple):
+    """A test as if it had been taken.
+
+    `read`: by itself, with readings as they are where each explanation is true.
+    `at`: where a search for each explanation begins, the nuisances there, shape (k,) each [-].
+    """
+
+    read: Sequence[Compared]
+    at: Sequence[np.ndarray]
+
+
 @dataclass(frozen=True)
 class Capture:
     """What is taken in a test, where the bench can take it by itself.
@@ -81,6 +94,7 @@ class Test:
     `expected`: from modes, one an explanation, to what it would read under each; an ArithmeticError where it has no
         reading.
     `capture`: what is taken; None where the bench cannot take it by itself.
+    `taken`: from the same modes to the test as if it had been taken; None where nothing can be fitted to it.
     """
 
     __test__ = False  # no test of pytest's
@@ -89,3 +103,4 @@ class Test:
     needs: str
     expected: Callable[[Sequence[Mode]], list[Expected]]
     capture: Capture | None = None
+    taken: Callable[[Sequence[Mode]], Taken | None] | None = None

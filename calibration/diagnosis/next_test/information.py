@@ -89,18 +89,26 @@ class Given(NamedTuple):
 
 
 def given_nats(read: Sequence[Expected], probabilities: Sequence[float], repeats: int = 1) -> Given:
-    """What a test will give, its own readings being without noise.
-
-    The readings are those of each explanation at its most probable point. What they add to the log odds of a pair is
-    counted for the true one. Over the pairs together it is as often more as less, each explanation being true as often
-    as it is probable; of a pair it is the mean over the two.
+    """What a test will give, its readings being those of each explanation at its most probable point, without noise.
 
     `read`: what the test would read under each explanation.
     `probabilities`: of the explanations, before it [-].
     """
-    if not any(probabilities):
-        probabilities = [1.0] * len(read)
     density = np.array([[log_density(one, true.mean, repeats) for one in read] for true in read])
+    return given_of(density, probabilities)
+
+
+def given_of(density: np.ndarray, probabilities: Sequence[float]) -> Given:
+    """What a test will give.
+
+    What its readings add to the log odds of a pair is counted for the true one. Over the pairs together it is as often
+    more as less, each explanation being true as often as it is probable; of a pair it is the mean over the two.
+
+    `density`, shape (n, n): log density of the readings where each explanation is true, under each [-].
+    `probabilities`: of the explanations, before it [-].
+    """
+    if not any(probabilities):
+        probabilities = [1.0] * len(density)
     weights = pair_weights(probabilities)
     # by which the readings of the true one speak for it in each pair; where neither is true, for the likelier
     by = {(i, j): np.abs(density[:, i] - density[:, j]) for i, j in weights}

@@ -28,8 +28,9 @@ from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Places
 from calibration.systems.radial_piston import derivatives, not_described, run_starts, valley
 from calibration.systems.radial_piston.base import base_of
-from calibration.systems.radial_piston.next_tests.planned import expected_readings, line_of, planned
+from calibration.systems.radial_piston.next_tests.planned import planned
 from calibration.systems.radial_piston.next_tests.quantities import expected_quantity, quantities
+from calibration.systems.radial_piston.next_tests.readings import as_taken, expected_readings, line_of
 from calibration.systems.radial_piston.noise import Noise, Whitener
 from calibration.systems.radial_piston.places.balances import balances
 from calibration.systems.radial_piston.places.coordinates import same_coordinates
@@ -251,7 +252,8 @@ class Comparison(Compared):
         on, likeliest = runs or (self, rivals[0])
         line = line_of(on, likeliest)
         for plan in planned(self, on):
-            yield Test(plan.words, "", partial(expected_readings, plan, self, line=line), plan.capture)
+            read = partial(expected_readings, plan, self, line=line)
+            yield Test(plan.words, "", read, plan.capture, partial(as_taken, plan, self, line=line))
         for one in quantities(self, rivals[0]):
             words = f"{one.words}: {one.needs}" if one.needs else one.words
             yield Test(words, one.needs, partial(expected_quantity, one, self.problem))

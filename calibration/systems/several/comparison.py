@@ -12,7 +12,7 @@ import numpy as np
 from calibration.data.rows_used import FileUse
 from calibration.likelihood.compared import Compared, Row
 from calibration.likelihood.descent import find
-from calibration.likelihood.expected import Expected, Test
+from calibration.likelihood.expected import Expected, Taken, Test
 from calibration.likelihood.function import Function
 from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Places
@@ -229,11 +229,18 @@ class Several(Compared):
         last = max((i for i, part in enumerate(self.parts) if part.problem.blocks.runs), default=k)
         runs = self.parts[last], self.of_part(last, rivals[0])
 
-        def read(test: Test, of: Sequence[Mode]) -> list[Expected]:
-            return test.expected([self.of_part(k, mode) for mode in of])
+        def parts(of: Sequence[Mode]) -> list[Mode]:
+            return [self.of_part(k, mode) for mode in of]
 
-        for test in self.parts[k].tests([self.of_part(k, mode) for mode in rivals], runs):
-            yield replace(test, expected=partial(read, test))
+        def read(test: Test, of: Sequence[Mode]) -> list[Expected]:
+            return test.expected(parts(of))
+
+        def taken(test: Test, of: Sequence[Mode]) -> Taken | None:
+            # An effect that is each recording's own would be another in the test.
+            return test.taken(parts(of)) if test.taken and self.problem.sharing == SHARED else None
+
+        for test in self.parts[k].tests(parts(rivals), runs):
+            yield replace(test, expected=partial(read, test), taken=partial(taken, test))
 
     def rows_used(self) -> list[FileUse]:
         """Rows used of each file, with the name of its recording ahead."""

@@ -17,22 +17,18 @@ from calibration.data.blocks import levels
 from calibration.data.runs_in_time import placeholders
 from calibration.diagnosis.next_test.information import given_nats, log_density, repeats_needed
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked, weigh
+from calibration.diagnosis.next_test.refitted import refitted
 from calibration.diagnosis.sizes.not_excluded import behind_friction
 from calibration.diagnosis.steps.candidate import Candidate, vanishes
 from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Expected, Test
 from calibration.likelihood.mode import Mode
 from calibration.systems.radial_piston.comparison import Comparison
-from calibration.systems.radial_piston.next_tests.planned import (
-    FLYWHEEL,
-    _gauge_s,
-    _left_open,
-    _straight_on,
-    expected_readings,
-    planned,
-)
+from calibration.systems.radial_piston.next_tests.planned import FLYWHEEL, _gauge_s, planned
+from calibration.systems.radial_piston.next_tests.readings import _left_open, _straight_on, expected_readings
 from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.unknowns.priors import Unknown
+from calibration.work.side_by_side import SideBySide
 from model import layout as at
 from rig.recording import Column, read_recording
 from tests.diagnosis_recordings import add_coast_down, sweep
@@ -195,7 +191,7 @@ def test_a_test_s_words_its_command_and_its_model_have_one_level(comparison):
     for plan in plans:
         said = re.search(r"(?:from|to|at) ([\d.]+) bar abs", plan.words)[1]
         assert f"--level-bar-abs {said}" in plan.capture.command
-        shown = np.nanmax(plan.recording.files[1].columns["pressure_bar_abs"].values)
+        shown = np.nanmax(plan.recording.files[0].columns["pressure_bar_abs"].values)
         assert shown == pytest.approx(float(said), abs=1e-4)
 
 
@@ -218,7 +214,7 @@ def test_beside_a_flywheel_the_words_say_what_is_on_the_shaft_in_all(comparison)
 def test_two_losses_of_pressure_are_parted_by_gauges_at_their_places(comparison, base):
     rivals = [rival(comparison, base, name) for name in ("inlet_throttling", "exhaust_back_pressure")]
     rivals = [with_size(comparison, one, 1.0) for one in rivals]
-    found = propose(comparison, rivals)
+    found = propose(comparison, rivals, base)
     apart = [one for one in found if one.needs]
     assert apart
     assert all("gauge" in one.needs for one in apart)
@@ -256,7 +252,53 @@ def with_size(comparison: Comparison, one: Candidate, z: float) -> Candidate:
 
 def test_the_same_explanation_twice_is_not_told_apart(comparison, base):
     one = rival(comparison, base, "windage")
-    assert propose(comparison, [one, one]) == []
+    assert propose(comparison, [one, one], base) == []
+
+
+def test_the_best_test_is_checked_by_refits_until_it_is_the_best_by_them(comparison, base, monkeypatch):
+    """What is not the best, needs another instrument or promises little is not."""
+    places = {"far": 14.0, "near": 8.0, "little": 1.0, "with a balance": 20.0}
+    by_refits = {"far": 6.0, "near": 7.0}
+    refits = []
+
+    def of(words: str) -> Test:
+        needs = "a balance" if "balance" in words else ""
+        return Test(words, needs, lambda modes: [normal(place, 0.0, 1.0) for place in (0.0, places[words])])
+
+    def refitted(seen, test, modes, base, side_by_side):
+        refits.append(test.words)
+        return np.array([[0.0, -by_refits[test.words]], [-by_refits[test.words], 0.0]])
+
+    def tests(modes):
+        return map(of, places)
+
+    monkeypatch.setattr(comparison, "tests", tests)
+    monkeypatch.setattr("calibration.diagnosis.next_test.recommend.refitted", refitted)
+    rivals = [nothing(base), rival(comparison, base, "windage")]
+    found = propose(comparison, rivals, base)
+    assert refits == ["far", "near"]
+    assert [(one.test, one.information_nats) for one in found] == [
+        ("near", 7.0),
+        ("far", 6.0),
+        ("little", 0.5),
+        ("with a balance", 200.0),
+    ]
+    assert [one.repeats for one in found] == [1, 1, 11, 1]
+    by_refits["near"] = 2.0
+    assert [one.test for one in propose(comparison, rivals, base)][:2] == ["far", "near"]
+
+
+def test_what_refits_say_of_a_test_is_what_was_reckoned_where_all_is_straight(tmp_path):
+    comparison = Comparison(Problem(sweep(tmp_path, 34, {"pressure_gauge_offset": {"offset_pa": 4000.0}})))
+    base = find(comparison, ())
+    modes = [base, rival(comparison, base, "pressure_gauge_offset").mode]
+    test = next(test for test in comparison.tests(modes) if test.words.startswith("zero: "))
+    read = test.expected(modes)
+    density = refitted(comparison, test, modes, base, SideBySide(0))
+    for true, other in ((0, 1), (1, 0)):
+        reckoned = log_density(read[true], read[true].mean) - log_density(read[other], read[true].mean)
+        # half of what noise that is drawn once moves the odds by
+        assert abs(density[true, true] - density[true, other] - reckoned) < 0.5 * math.sqrt(2.0 * reckoned)
 
 
 @pytest.mark.long
@@ -265,7 +307,7 @@ def test_tests_are_proposed_with_runs_in_time_in_the_recording_too(tmp_path):
     comparison = Comparison(Problem(add_coast_down(tmp_path, 32, {})))
     base = find(comparison, ())
     rivals = [with_size(comparison, rival(comparison, base, name), 1.0) for name in ("windage", "coulomb_friction")]
-    found = propose(comparison, rivals)
+    found = propose(comparison, rivals, base)
     assert found
     for test in found:
         assert math.isfinite(test.information_nats)
@@ -300,7 +342,7 @@ def test_a_gauge_that_repeats_itself_is_as_slow_as_it_measures(tmp_path):
 
 
 def test_one_explanation_has_nothing_to_be_parted_from(comparison, base):
-    assert propose(comparison, [rival(comparison, base, "windage")]) == []
+    assert propose(comparison, [rival(comparison, base, "windage")], base) == []
 
 
 def test_a_test_that_separates_nothing_is_not_proposed():
@@ -311,13 +353,13 @@ def test_a_test_that_separates_nothing_is_not_proposed():
 def test_a_run_in_which_the_rotor_would_not_turn_is_not_proposed(comparison, base):
     """A start at a pressure that hardly differs from the room's."""
     spin_up = next(plan for plan in planned(comparison) if plan.words.startswith("spin-up"))
-    anchor, run = spin_up.recording.files
+    (run,) = spin_up.recording.files
     name = next(name for name in run.columns if name.startswith("pressure_bar"))
     pressure = run.columns[name]
     faint = replace(
         pressure, values=np.where(pressure.values > 1.1, placeholders(np.full(run.rows, 1.02)), pressure.values)
     )
-    files = (anchor, replace(run, columns={**run.columns, name: faint}))
+    files = (replace(run, columns={**run.columns, name: faint}),)
     plan = replace(spin_up, recording=replace(spin_up.recording, files=files))
     rivals = [nothing(base), rival(comparison, base, "windage")]
     test = Test(plan.words, "", partial(expected_readings, plan, comparison), plan.capture)

@@ -17,7 +17,8 @@ from calibration.diagnosis import as_json, diagnose, mismatch
 from calibration.report.fit.words import next_command
 from calibration.report.origin import name_of
 from calibration.systems.look_up import compared
-from calibration.systems.radial_piston.next_tests.planned import line_of, planned
+from calibration.systems.radial_piston.next_tests.planned import planned
+from calibration.systems.radial_piston.next_tests.readings import line_of
 from calibration.systems.several.comparison import Several
 from model import layout as at
 from model.motor import read_motor
@@ -227,7 +228,7 @@ def test_a_next_test_is_promised_with_the_line_and_the_gauge_of_the_runs_of_anot
     (run_file,) = run.problem.recording.files
     gauge = run_file.columns["pressure_bar_abs"].values
     coast_down = next(plan for plan in planned(sweep, run) if plan.words.startswith("coast-down"))
-    there = coast_down.recording.files[1].columns["pressure_bar_abs"].values
+    there = coast_down.recording.files[0].columns["pressure_bar_abs"].values
     assert np.mean(np.isfinite(there)) == pytest.approx(np.mean(np.isfinite(gauge)), abs=0.02)
 
 
