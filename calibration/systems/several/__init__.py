@@ -9,4 +9,5 @@ problem     the unknowns, and the predictions
 places      where something may be missing in them
 noise       each recording's noise, and the map that it sets
 comparison  the recordings as one vector: what the diagnosis sees
+taken       recordings and a test that nobody has taken yet, as one vector
 """

@@ -65,8 +65,8 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
     promised = second["promised"][0]
     assert promised["test"] == wanted["test"]
     assert promised["information_nats"] == wanted["information_nats"]
-    least, most = wanted["range_nats"]  # where nothing is missing, and where dry friction is
-    assert least <= promised["delivered_nats"] <= most
+    for told in (wanted["information_nats"], wanted["range_nats"][1]):  # the latter where dry friction is true
+        assert 0.5 < promised["delivered_nats"] / told < 2.0
     assert f"gave {promised['delivered_nats']:.1f}" in done.stdout
     page = next((asked / "second").glob("report.html")).read_text()
     assert "What the tests that were asked for have given" in page
