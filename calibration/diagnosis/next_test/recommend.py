@@ -7,7 +7,7 @@ nats and 2000 are both certainty, but the larger forgives more that the model do
 
 All tests are reckoned about what the recording says of each rival. Far from there a rival may suit a test better than
 that lets it, so the best test is checked where it may promise certainty: each rival is fitted anew to the recording and
-the test's readings together. Then the next best, until the best one has been checked.
+the test's readings together. Then the next best, until the best one has been checked, or as many as are told.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def propose(
     told = {test.words: test for test in comparison.tests(modes)}  # of one level the middle one is the highest
     found = {words: one for words, test in told.items() if (one := weigh(test, weighed))}
     checked: set[str] = set()
-    while best := ranked([one for one, _ in found.values()]):
+    while (best := ranked([one for one, _ in found.values()])) and len(checked) < MOST:
         first, most = best[0].test, (best[0].range_nats or (0.0, 0.0))[1]
         if first in checked or most < SETTLED_NATS:
             break
