@@ -89,13 +89,18 @@ class Given(NamedTuple):
 
 
 def given_nats(read: Sequence[Expected], probabilities: Sequence[float], repeats: int = 1) -> Given:
-    """What a test will give, its readings being those of each explanation at its most probable point, without noise.
+    """What a test will give, of its `densities`."""
+    return given_of(densities(read, repeats), probabilities)
+
+
+def densities(read: Sequence[Expected], repeats: int = 1) -> np.ndarray:
+    """Log density of a test's readings where each explanation is true, under each, shape (n, n) [-].
+
+    The readings are those of each explanation at its most probable point, without noise.
 
     `read`: what the test would read under each explanation.
-    `probabilities`: of the explanations, before it [-].
     """
-    density = np.array([[log_density(one, true.mean, repeats) for one in read] for true in read])
-    return given_of(density, probabilities)
+    return np.array([[log_density(one, true.mean, repeats) for one in read] for true in read])
 
 
 def given_of(density: np.ndarray, probabilities: Sequence[float]) -> Given:
@@ -104,7 +109,7 @@ def given_of(density: np.ndarray, probabilities: Sequence[float]) -> Given:
     What its readings add to the log odds of a pair is counted for the true one. Over the pairs together it is as often
     more as less, each explanation being true as often as it is probable; of a pair it is the mean over the two.
 
-    `density`, shape (n, n): log density of the readings where each explanation is true, under each [-].
+    `density`, shape (n, n): of `densities` [-].
     `probabilities`: of the explanations, before it [-].
     """
     if not any(probabilities):

@@ -6,7 +6,7 @@ of the true one, with all that the recording leaves open of motor, instruments a
 nats and 2000 are both certainty, but the larger forgives more that the model does not know.
 
 All tests are reckoned about what the recording says of each rival. Far from there a rival may suit a test better than
-that lets it, so the best test is checked where it may promise certainty: each rival is fitted anew to the recording and
+that lets it, so the best test is checked where it may rule one out: such a rival is fitted anew to the recording and
 the test's readings together. Then the next best, until the best one has been checked, or as many as are told.
 """
 
@@ -15,12 +15,12 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 
-from calibration.diagnosis.next_test.information import SETTLED_NATS, Given, given_nats, given_of, repeats_needed
-from calibration.diagnosis.next_test.refitted import refitted
+from calibration.diagnosis.next_test.information import SETTLED_NATS, Given, densities, given_of, repeats_needed
+from calibration.diagnosis.next_test.refitted import gained
 from calibration.diagnosis.steps.candidate import Candidate
 from calibration.likelihood.compared import Compared
 from calibration.likelihood.expected import Capture, Test
@@ -70,62 +70,90 @@ def propose(
     if len(weighed) < 2:
         return []
     modes = [one.mode for one in weighed]
-    told = {test.words: test for test in comparison.tests(modes)}  # of one level the middle one is the highest
-    found = {words: one for words, test in told.items() if (one := weigh(test, weighed))}
+    tests = {test.words: test for test in comparison.tests(modes)}  # of one level the middle one is the highest
+    found = {words: one for words, test in tests.items() if (one := weigh(test, weighed))}
     checked: set[str] = set()
-    while (best := ranked([one for one, _ in found.values()])) and len(checked) < MOST:
-        first, most = best[0].test, (best[0].range_nats or (0.0, 0.0))[1]
-        if first in checked or most < SETTLED_NATS:
+    while (best := ranked([one.told for one in found.values()])) and len(checked) < MOST:
+        first = found[best[0].test]
+        pairs = first.told_for_certain()
+        if best[0].test in checked or not pairs:
             break
-        checked.add(first)
-        tell(f"next test: check the {first}")
+        checked.add(best[0].test)
+        tell(f"next test: check the {best[0].test}")
         with contextlib.suppress(ArithmeticError):  # no reading of both together: what was reckoned stands
-            density = refitted(comparison, told[first], modes, base, side_by_side or SideBySide(0))
-            if density is not None:
-                found[first] = _as_refitted(told[first], weighed, found[first][1], density)
-    return [replace(one, repeats=_repeats(found[one.test][1])) for one in best]
+            gain = gained(comparison, first.test, modes, base, pairs, side_by_side or SideBySide(0))
+            if gain is not None:
+                found[best[0].test] = first.checked(pairs, gain)
+    return [replace(one, repeats=_repeats(found[one.test])) for one in best]
 
 
-def _as_refitted(
-    test: Test, rivals: Sequence[Candidate], reckoned: Callable[[int], Given], density: np.ndarray
-) -> tuple[NextTest, Callable[[int], Given]]:
-    """A test by what refits say of it once; with repeats it grows by the share that was reckoned."""
-    once = given_of(density, [one.probability for one in rivals])
+@dataclass(frozen=True)
+class Weighed:
+    """A test, and what it will give.
 
-    def given(repeats: int) -> Given:
-        first, more = reckoned(1).of_pair, reckoned(repeats).of_pair
+    `reckoned`: `densities` of a number of its repeats.
+    `density`, shape (n, n): of the test once, as far as it was checked [-].
+    """
+
+    test: Test
+    probabilities: Sequence[float]
+    names: Sequence[tuple[str, ...]]
+    reckoned: Callable[[int], np.ndarray]
+    density: np.ndarray
+
+    def given(self, repeats: int) -> Given:
+        """What a number of repeats will give: by each pair the share more that was reckoned."""
+        once = given_of(self.density, self.probabilities)
+        if repeats == 1:
+            return once
+        first, more = (given_of(self.reckoned(n), self.probabilities).of_pair for n in (1, repeats))
         shares = {pair: max(more[pair] / first[pair], 1.0) if first[pair] > 0.0 else 1.0 for pair in first}
         return once._replace(of_pair={pair: nats * shares[pair] for pair, nats in once.of_pair.items()})
 
-    return _told_of(test, rivals, once), given
+    @cached_property
+    def told(self) -> NextTest:
+        """What is told of it."""
+        once, test = self.given(1), self.test
+        separates = tuple(dict.fromkeys(self.names[i] for pair in _told(once.of_pair) for i in pair))
+        least_and_most = (round(once.lowest, 2), round(once.highest, 2))
+        return NextTest(test.words, separates, round(once.whole, 2), None, test.needs, test.capture, least_and_most)
+
+    def told_for_certain(self) -> list[tuple[int, int]]:
+        """Explanations that are true, each with another that the test would rule out then."""
+        gain = np.diag(self.density)[:, None] - self.density
+        return [(int(i), int(j)) for i, j in np.argwhere(gain > SETTLED_NATS)]
+
+    def checked(self, pairs: Sequence[tuple[int, int]], gain: np.ndarray) -> Weighed:
+        """The same with what refits say of some pairs: a search that ends short of the best says too much, no less.
+
+        `gain`, shape (k,): of `gained` [-].
+        """
+        density = self.density.copy()
+        for (i, j), nats in zip(pairs, gain, strict=True):
+            density[i, j] = max(density[i, i] - nats, density[i, j])
+        return replace(self, density=density)
 
 
-def weigh(test: Test, rivals: Sequence[Candidate]) -> tuple[NextTest, Callable[[int], Given]] | None:
-    """A test, and what a number of its repeats would give; None where it cannot be simulated."""
+def weigh(test: Test, rivals: Sequence[Candidate]) -> Weighed | None:
+    """A test, and what it will give; None where it cannot be simulated."""
     try:
         read = test.expected([one.mode for one in rivals])
     except ArithmeticError:
         return None
     if not all(np.isfinite(one.mean).all() and np.isfinite(one.slopes).all() for one in read):
         return None  # a model far from the readings: no test follows from it
-    given = cache(partial(given_nats, read, [one.probability for one in rivals]))
-    return _told_of(test, rivals, given(1)), given
-
-
-def _told_of(test: Test, rivals: Sequence[Candidate], once: Given) -> NextTest:
-    separates = tuple(dict.fromkeys(rivals[i].names for pair in _told(once.of_pair) for i in pair))
-    least_and_most = (round(once.lowest, 2), round(once.highest, 2))
-    return NextTest(test.words, separates, round(once.whole, 2), None, test.needs, test.capture, least_and_most)
+    reckoned = cache(partial(densities, read))
+    return Weighed(test, [one.probability for one in rivals], [one.names for one in rivals], reckoned, reckoned(1))
 
 
 def _told(nats: Mapping[tuple[int, int], float]) -> list[tuple[int, int]]:
     return [pair for pair in nats if nats[pair] > LEAST_NATS]
 
 
-def _repeats(given: Callable[[int], Given]) -> int | None:
+def _repeats(one: Weighed) -> int | None:
     """How often a test has to be made to tell apart for certain what it separates; None where no number does."""
-    told = _told(given(1).of_pair)
-    return repeats_needed(lambda n: min(given(n).of_pair[pair] for pair in told)) if told else None
+    told = _told(one.given(1).of_pair)
+    return repeats_needed(lambda n: min(one.given(n).of_pair[pair] for pair in told)) if told else None
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:

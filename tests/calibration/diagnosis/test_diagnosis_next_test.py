@@ -17,7 +17,7 @@ from calibration.data.blocks import levels
 from calibration.data.runs_in_time import placeholders
 from calibration.diagnosis.next_test.information import given_nats, log_density, repeats_needed
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked, weigh
-from calibration.diagnosis.next_test.refitted import refitted
+from calibration.diagnosis.next_test.refitted import gained
 from calibration.diagnosis.sizes.not_excluded import behind_friction
 from calibration.diagnosis.steps.candidate import Candidate, vanishes
 from calibration.likelihood.descent import find
@@ -234,8 +234,8 @@ def test_what_a_test_tells_of_an_improbable_rival_counts_for_little(comparison, 
 
     rivals = [nothing(base), *(replace(nothing(base), names=(name,)) for name in ("windage", "leakage"))]
     test = Test("a test", "", lambda modes: [at(0.0), at(0.5), at(10.0)])
-    alike, _ = weigh(test, rivals)
-    rare, _ = weigh(test, [*rivals[:2], replace(rivals[2], log_probability=math.log(1e-6))])
+    alike = weigh(test, rivals).told
+    rare = weigh(test, [*rivals[:2], replace(rivals[2], log_probability=math.log(1e-6))]).told
     assert alike.information_nats > 25.0 and rare.information_nats < 1.0
     lowest, highest = alike.range_nats
     assert lowest <= alike.information_nats <= highest
@@ -265,15 +265,16 @@ def test_the_best_test_is_checked_by_refits_until_it_is_the_best_by_them(compari
         needs = "a balance" if "balance" in words else ""
         return Test(words, needs, lambda modes: [normal(place, 0.0, 1.0) for place in (0.0, places[words])])
 
-    def refitted(seen, test, modes, base, side_by_side):
+    def by_refit(seen, test, modes, base, pairs, side_by_side):
         refits.append(test.words)
-        return np.array([[0.0, -by_refits[test.words]], [-by_refits[test.words], 0.0]])
+        assert pairs == [(0, 1), (1, 0)]
+        return np.full(2, by_refits[test.words])
 
     def tests(modes):
         return map(of, places)
 
     monkeypatch.setattr(comparison, "tests", tests)
-    monkeypatch.setattr("calibration.diagnosis.next_test.recommend.refitted", refitted)
+    monkeypatch.setattr("calibration.diagnosis.next_test.recommend.gained", by_refit)
     rivals = [nothing(base), rival(comparison, base, "windage")]
     found = propose(comparison, rivals, base)
     assert refits == ["far", "near"]
@@ -294,11 +295,11 @@ def test_what_refits_say_of_a_test_is_what_was_reckoned_where_all_is_straight(tm
     modes = [base, rival(comparison, base, "pressure_gauge_offset").mode]
     test = next(test for test in comparison.tests(modes) if test.words.startswith("zero: "))
     read = test.expected(modes)
-    density = refitted(comparison, test, modes, base, SideBySide(0))
-    for true, other in ((0, 1), (1, 0)):
+    pairs = [(0, 1), (1, 0)]
+    for (true, other), gain in zip(pairs, gained(comparison, test, modes, base, pairs, SideBySide(0)), strict=True):
         reckoned = log_density(read[true], read[true].mean) - log_density(read[other], read[true].mean)
         # half of what noise that is drawn once moves the odds by
-        assert abs(density[true, true] - density[true, other] - reckoned) < 0.5 * math.sqrt(2.0 * reckoned)
+        assert abs(gain - reckoned) < 0.5 * math.sqrt(2.0 * reckoned)
 
 
 @pytest.mark.long
