@@ -232,15 +232,18 @@ def test_a_run_of_a_rig_held_out_for_nothing_is_told(tmp_path: Path) -> None:
     assert f"{tmp_path / 'unseen'} was not predicted" in done.stderr
 
 
+def public(mapping: str, files: list[str], place: Path) -> Recording:
+    """A public recording, imported."""
+    paths = [RECORDINGS / file for file in files]
+    if not all(path.exists() for path in paths):
+        pytest.skip("the public recordings are not here; SPINBENCH_RECORDINGS says where they are")
+    return read_recording(import_files(paths, read_mapping(Path(mapping)), place))
+
+
 @pytest.mark.parametrize(
     ("mapping", "files", "wanted"),
     [
         ("emps", ["emps/DATA_EMPS.mat"], ("named", [["coulomb_friction"]])),
-        (
-            "dexpand",
-            ["dexpand/RVE_air_PDLT_steady_states_designconditions.csv"],
-            ("confounded", [["inlet_throttling", "leakage"], ["inlet_throttling"], ["leakage"]]),
-        ),
         ("ball_drops_baseball", ["ball_drops/Ball_drops_data.xls"], ("consistent", [[]])),
         (
             "ball_drops_whiffle",
@@ -255,11 +258,17 @@ def test_a_run_of_a_rig_held_out_for_nothing_is_told(tmp_path: Path) -> None:
 def test_public_recordings_are_diagnosed_as_the_docs_say(
     mapping: str, files: list[str], wanted: tuple[str, list[list[str]]], tmp_path: Path
 ) -> None:
-    paths = [RECORDINGS / file for file in files]
-    if not all(path.exists() for path in paths):
-        pytest.skip("the public recordings are not here; SPINBENCH_RECORDINGS says where they are")
-    found = said(read_recording(import_files(paths, read_mapping(Path(mapping)), tmp_path / "made")))
+    found = said(public(mapping, files, tmp_path / "made"))
     assert (found["verdict"], [ids(found), *found["alternatives"]]) == wanted
+
+
+def test_a_vane_machine_s_flow_is_a_throttled_inlet_or_a_leak(tmp_path: Path) -> None:
+    """Whether both together are listed too goes with the last digits of the arithmetic, as the docs say."""
+    files = ["dexpand/RVE_air_PDLT_steady_states_designconditions.csv"]
+    found = said(public("dexpand", files, tmp_path / "made"))
+    both, *each = [["inlet_throttling", "leakage"], ["inlet_throttling"], ["leakage"]]
+    assert found["verdict"] == "confounded"
+    assert [ids(found), *found["alternatives"]] in ([both, *each], each)
 
 
 def test_the_seal_of_the_public_cylinder_rubs_by_its_pressure(tmp_path: Path) -> None:
