@@ -88,11 +88,6 @@ class Given(NamedTuple):
     highest: float
 
 
-def given_nats(read: Sequence[Expected], probabilities: Sequence[float], repeats: int = 1) -> Given:
-    """What a test will give, of its `densities`."""
-    return given_of(densities(read, repeats), probabilities)
-
-
 def densities(read: Sequence[Expected], repeats: int = 1) -> np.ndarray:
     """Log density of a test's readings where each explanation is true, under each, shape (n, n) [-].
 

@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal
 
 from calibration.data.blocks import levels
 from calibration.data.runs_in_time import placeholders
-from calibration.diagnosis.next_test.information import given_nats, log_density, repeats_needed
+from calibration.diagnosis.next_test.information import densities, given_of, log_density, repeats_needed
 from calibration.diagnosis.next_test.recommend import MOST, MOST_APART, NextTest, propose, ranked, weigh
 from calibration.diagnosis.next_test.refitted import gained
 from calibration.diagnosis.sizes.not_excluded import behind_friction
@@ -74,7 +74,7 @@ def normal(mean: float, shared: float, own: float) -> Expected:
 
 def even(one: Expected, other: Expected, repeats: int = 1) -> float:
     """Nats between two explanations that are as probable."""
-    return given_nats([one, other], [0.5, 0.5], repeats)[0]
+    return given_of(densities([one, other], repeats), [0.5, 0.5])[0]
 
 
 def test_the_density_of_straight_readings_is_the_normal_one():
@@ -96,22 +96,22 @@ def test_an_effect_that_may_be_gone_is_hardly_told_from_nothing():
 
     zero, one = np.zeros((1, 1)), np.eye(1)
     nothing_, effect = normal(0.0, 0.0, 1.0), Expected(np.array([100.0]), np.array([[100.0]]), zero, one, at)
-    assert given_nats([nothing_, effect], [0.9, 0.1])[0] < 6.0
-    told = given_nats([nothing_, effect], [0.1, 0.9])[0]
+    assert given_of(densities([nothing_, effect]), [0.9, 0.1])[0] < 6.0
+    told = given_of(densities([nothing_, effect]), [0.1, 0.9])[0]
     assert told > 1000.0  # where it is there it is told for certain
 
 
 def test_what_a_test_gives_is_what_it_gives_with_half_of_the_probability():
     """Of three explanations the second is as probable as not; only the third is far off."""
     read = [normal(place, 0.0, 1.0) for place in (0.0, 1.0, 20.0)]
-    whole, each, lowest, highest = given_nats(read, [0.3, 0.6, 0.1])
+    whole, each, lowest, highest = given_of(densities(read), [0.3, 0.6, 0.1])
     assert each == {(0, 1): 0.5, (0, 2): 200.0, (1, 2): 180.5}
     # of the second: 0.5 beside the first, 180.5 beside the third, and 180 between these two
     weights = np.array([0.18, 0.06, 0.03])
     assert whole == pytest.approx(float(weights @ [0.5, 180.5, 180.0]) / weights.sum())
     assert lowest == whole
     assert highest == pytest.approx(float(weights @ [19.5, 180.5, 200.0]) / weights.sum())  # where the third is true
-    assert given_nats(read, [0.0, 0.0, 0.0]) == given_nats(read, [0.2, 0.2, 0.2])
+    assert given_of(densities(read), [0.0, 0.0, 0.0]) == given_of(densities(read), [0.2, 0.2, 0.2])
 
 
 def test_repeats_do_not_average_out_what_is_not_known_of_the_motor():
