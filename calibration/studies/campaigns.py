@@ -81,8 +81,8 @@ class Study:
 def main(study: Study, arguments: Sequence[str] | None = None) -> int:
     """Run the campaign of a command line beneath a bar, print what it comes to, and return the exit code."""
     given = _parser(study).parse_args(arguments)
-    items = study.items(given, study.code())
     try:
+        items = study.items(given, study.code())
         if study.needs and not importlib.util.find_spec(study.needs):
             raise StudyError(f"needs {study.needs}, of the development extra: pip install 'spinbench[dev]'")
         if not items:

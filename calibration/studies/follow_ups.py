@@ -7,7 +7,7 @@ in a sweep with a spin-up and a coast-down.
 
     python -m calibration.studies.follow_ups -o out/follow_ups     # resumable: a case that is there is not made again
     python -m calibration.studies.follow_ups -o out/sweeps --sweep-alone
-    python -m calibration.studies.follow_ups -o out/dry --dry-friction --days 0
+    python -m calibration.studies.follow_ups -o out/dry --dry-friction 0.06 0.20 --days 0
     python -m calibration.studies.follow_ups -o out/more --first-seed 350000 --also out/follow_ups/cases.json
 """
 
@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from calibration.challenge.pages.tables import Grid, as_markdown
-from calibration.studies.campaigns import Row, Rows, Study, main, whole_number
+from calibration.studies.campaigns import Row, Rows, Study, StudyError, main, whole_number
 from calibration.work.many import Item
 from calibration.work.sources import DIAGNOSIS
 from rig.recording.files import json_bytes
@@ -37,18 +37,19 @@ CASES = 100
 SEED = 1  # of each diagnosis
 DAYS = 2  # tests that are taken, at most
 BY_D = (("below 3", 0.0, 3.0), ("3 to 7", 3.0, 7.0), ("7 and more", 7.0, math.inf))
-DRY, DRY_NM = "coulomb_friction", (0.06, 0.20)  # where it is concealed alone; even in the logarithm
+DRY = "coulomb_friction"
 TOLD_APART = 10.0  # nats promised, above which a promise is held against what came of it
 
 
 def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     """One case: its diagnosis, and those with a test of another day in them.
 
-    `argument`: ``seed`` of the draw; ``dry``, whether dry friction alone is concealed; ``sweep``, whether the first
-        recording is a sweep alone; ``days``, tests that are taken at most.
+    `argument`: ``seed`` of the draw; ``dry_nm``, least and most dry friction [N m] where it alone is concealed, or
+        None; ``sweep``, whether the first recording is a sweep alone; ``days``, tests that are taken at most; ``D``,
+        whether that is reckoned.
     Returns ``ids`` concealed; ``D`` and ``rival`` of the first recording by the scorer, None where its diagnosis names
     or lists the truth; and ``steps``: of each diagnosis its verdict, what it is worth, and the test that was given back
-    before it, with nats promised and delivered.
+    before it, with nats promised, promised should the truth be right (None where it was not weighed), and delivered.
     """
     from calibration.challenge.scoring.judging import LISTED, RIGHT
     from calibration.challenge.second_rig import another_day, draw, make_recording, separable
@@ -59,8 +60,8 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
     from rig.recording import read_recording
 
     truth = draw(FAMILY, argument["seed"], "follow-ups")
-    if argument["dry"]:
-        truth = dry_friction_alone(truth)
+    if argument["dry_nm"]:
+        truth = dry_friction_alone(truth, argument["dry_nm"])
     if argument["sweep"]:
         truth = replace(truth, with_transients=False)
     with tempfile.TemporaryDirectory() as place:
@@ -69,7 +70,7 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
         found = diagnose(read_recording(folders[0]), SEED)
         steps = [_step(truth, found)]
         is_told = steps[0]["outcome"] in (RIGHT, LISTED)  # its D would say nothing more, and takes minutes
-        seen = {"D": None, "rival": None} if is_told else separable(truth, folders[0])
+        seen = separable(truth, folders[0]) if argument["D"] and not is_told else {"D": None, "rival": None}
         for day in range(1, argument["days"] + 1):
             test = next((one for one in found.next_tests if one.capture), None)
             if found.verdict.kind == VerdictKind.UNRESOLVED or test is None or test.capture is None:
@@ -79,7 +80,8 @@ def followed(argument: Mapping[str, Any]) -> dict[str, Any]:
             folders.append(Path(place) / f"day_{day}")
             another_day(truth, asdict(test.capture), day, folders[-1])
             found = diagnose(as_given([read_recording(one) for one in folders]), SEED, promises=[promise])
-            steps.append(_step(truth, found))
+            if_right = {tuple(sorted(names)): nats for names, nats in test.nats_where_true.items()}
+            steps.append(_step(truth, found, if_right.get(tuple(sorted(truth.ids)))))
     return {
         "ids": truth.ids,
         "category": truth.category,
@@ -99,17 +101,17 @@ def nothing_concealed(truth: Any) -> Any:
     return replace(truth, category=NONE, **nothing, with_transients=True)
 
 
-def dry_friction_alone(truth: Any) -> Any:
-    """The same bench with dry friction alone, in a sweep with runs in time."""
+def dry_friction_alone(truth: Any, range_nm: tuple[float, float]) -> Any:
+    """The same bench with dry friction alone, even in its logarithm, in a sweep with runs in time."""
     from calibration.challenge.second_rig.concealed import USUAL, Concealed
     from calibration.challenge.second_rig.draws import SINGLE
 
-    values = {"torque_nm": float(np.exp(truth.rng("dry friction").uniform(*np.log(DRY_NM))))}
+    values = {"torque_nm": float(np.exp(truth.rng("dry friction").uniform(*np.log(range_nm))))}
     effects = [asdict(Concealed(DRY, USUAL[DRY], values))]
     return replace(nothing_concealed(truth), category=SINGLE, ids=[DRY], effects=effects, sizes={DRY: values})
 
 
-def _step(truth: Any, found: Any) -> dict[str, Any]:
+def _step(truth: Any, found: Any, nats_if_right: float | None = None) -> dict[str, Any]:
     from calibration.challenge.scoring.judging import outcome
     from calibration.diagnosis.document import as_json
 
@@ -120,13 +122,15 @@ def _step(truth: Any, found: Any) -> dict[str, Any]:
         "outcome": outcome(truth.category, concealed, document),
         "sets": [[one["id"] for one in document["effects"]], *document["alternatives"]],
         "rivals": [sorted(one.names) for one in found.rivals],
-        "promised": document["promised"],
+        "promised": [one | {"nats_if_right": nats_if_right} for one in document["promised"]],
     }
 
 
 def items_of(given: argparse.Namespace, code: str) -> list[Item]:
-    """Every case of a campaign."""
-    how = {"dry": given.dry_friction, "sweep": given.sweep_alone, "days": given.days}
+    """Every case of a campaign. Raises StudyError for a range that holds no torque."""
+    if given.dry_friction and not 0.0 < given.dry_friction[0] <= given.dry_friction[1] < math.inf:
+        raise StudyError("--dry-friction: two torques above 0 N m, the lesser first; give 0.06 0.20, for example")
+    how = {"dry_nm": given.dry_friction, "sweep": given.sweep_alone, "days": given.days, "D": not given.without_D}
     mark = sha256(f"{code} {how}".encode()).hexdigest()
     return [
         Item(f"case-{seed}", {"seed": seed} | how, mark)
@@ -150,8 +154,8 @@ def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
         "failed": [f"{one['name']}: {one['error']}" for one in rows if one["error"]],
         "open": len(open_),
         "promises": given,
-        "ratios": _ratios(given),
-        "ratios_with_truth": _ratios([one for one in given if one["is_among"]]),
+        "ratios": _ratios(given, "information_nats"),
+        "ratios_if_right": _ratios(given, "nats_if_right"),
         "told_apart": len(apart),
         "named_after": [sum(_is_named(one, day) for one in apart) for day in range(1, DAYS + 1)],
         "by_D": [
@@ -189,9 +193,10 @@ def _promises(one: Row) -> list[tuple[bool, dict[str, Any]]]:
     ]
 
 
-def _ratios(given: Rows) -> dict[str, Any]:
+def _ratios(given: Rows, promised: str) -> dict[str, Any]:
     """Delivered over promised of the promises that count: how many, median and quartiles."""
-    found = [one["delivered_nats"] / one["information_nats"] for one in given if one["information_nats"] > TOLD_APART]
+    known = [(one["delivered_nats"], one.get(promised)) for one in given]
+    found = [nats / said for nats, said in known if said is not None and said > TOLD_APART]
     low, median, high = np.quantile(found, [0.25, 0.5, 0.75]).tolist() if found else (None, None, None)
     return {"count": len(found), "median": median, "quartiles": [low, high]}
 
@@ -215,8 +220,8 @@ def page(found: Row) -> str:
         "simulated as a recording of another day and given back, at most twice.",
         "",
         f"- Promises above {TOLD_APART:g} nats: {_in_words(found['ratios'])}",
-        f"- Of these with the truth among the explanations that the test was weighed for, three at most: "
-        f"{_in_words(found['ratios_with_truth'])}",
+        "- The same with what was promised should the truth be right, where that was one of the explanations that the",
+        f"  test was weighed for: {_in_words(found['ratios_if_right'])}",
         f"- The truth among what such a test was to tell apart: {found['told_apart']} cases. Named after one test: "
         f"{found['named_after'][0]}, after two: {found['named_after'][1]}.",
         f"- Wrong names and false alarms: {found['wrong_before']} of {found['cases']} before, "
@@ -259,10 +264,15 @@ def picture(found: Row) -> bytes:
 
     with drawing() as (figure, axes):
         axes.axline((0.0, 0.0), (1.0, 1.0), color=FAINT, linewidth=0.8, label="as promised")
-        for i, (is_among, label) in enumerate(((True, "the truth was weighed"), (False, "it was not"))):
-            there = [one for one in found["promises"] if one["is_among"] == is_among]
-            places = ([one[key] for one in there] for key in ("information_nats", "delivered_nats"))
-            axes.plot(*places, label=label, **series(i) | {"marker": "os"[i], "linestyle": "none"})
+        kinds = (
+            ("information_nats", True, "the truth was weighed"),
+            ("information_nats", False, "it was not"),
+            ("nats_if_right", True, "promised should the truth be right"),
+        )
+        for i, (promised, is_among, label) in enumerate(kinds):
+            there = [one for one in found["promises"] if one["is_among"] == is_among and one.get(promised) is not None]
+            places = ([one[key] for one in there] for key in (promised, "delivered_nats"))
+            axes.plot(*places, label=label, **series(i) | {"marker": "osx"[i], "linestyle": "none"})
         axes.legend(loc="best")
         axes.set_xscale("symlog", linthresh=1.0)
         axes.set_yscale("symlog", linthresh=1.0)
@@ -287,7 +297,13 @@ STUDY = Study(
         "--cases": {"type": whole_number, "default": CASES, "help": "cases that are drawn (%(default)s)"},
         "--sweep-alone": {"action": "store_true", "help": "without runs in time in the first recording"},
         "--days": {"type": whole_number, "default": DAYS, "help": "tests that are taken at most (%(default)s)"},
-        "--dry-friction": {"action": "store_true", "help": "conceal dry friction alone, with runs in time"},
+        "--dry-friction": {
+            "type": float,
+            "nargs": 2,
+            "metavar": ("LEAST", "MOST"),
+            "help": "conceal dry friction alone, between these [N m], with runs in time",
+        },
+        "--without-D": {"action": "store_true", "help": "without D, which takes minutes a case"},
     },
     summary=summary,
     documents=documents,

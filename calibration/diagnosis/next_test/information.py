@@ -79,13 +79,12 @@ def _slope(at: Callable[[np.ndarray], np.ndarray], place: np.ndarray, now: np.nd
 class Given(NamedTuple):
     """What a test will give [nats]: over the pairs together, and of each pair where one of the two is true.
 
-    `lowest`, `highest`: over the pairs together, where the explanation is true for which it gives least, and most.
+    `where_true`: over the pairs together, where each of the explanations is true.
     """
 
     whole: float
     of_pair: dict[tuple[int, int], float]
-    lowest: float
-    highest: float
+    where_true: tuple[float, ...]
 
 
 def densities(read: Sequence[Expected], repeats: int = 1) -> np.ndarray:
@@ -116,7 +115,7 @@ def given_of(density: np.ndarray, probabilities: Sequence[float]) -> Given:
         by[i, j][[i, j]] = density[i, i] - density[i, j], density[j, j] - density[j, i]
     whole = sum(weights[pair] * by[pair] for pair in weights)
     of_pair = {pair: float(np.mean(by[pair][list(pair)])) for pair in weights}
-    return Given(_median(whole, probabilities), of_pair, float(whole.min()), float(whole.max()))
+    return Given(_median(whole, probabilities), of_pair, tuple(whole.tolist()))
 
 
 def _median(values: np.ndarray, weights: Sequence[float]) -> float:

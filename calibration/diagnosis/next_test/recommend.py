@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 
 import numpy as np
@@ -42,7 +42,7 @@ class NextTest:
     `repeats`: that bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
     `needs`: the instrument that it needs and the bench may not have; empty otherwise.
     `capture`: what is taken; None where the bench cannot take it by itself.
-    `range_nats`: where the rival is true for which it gives least, and most [-].
+    `nats_where_true`: by explanation, where that one is true [-].
     """
 
     test: str
@@ -51,7 +51,13 @@ class NextTest:
     repeats: int | None = None
     needs: str = ""
     capture: Capture | None = None
-    range_nats: tuple[float, float] | None = None
+    nats_where_true: Mapping[tuple[str, ...], float] = field(default_factory=dict)
+
+    @property
+    def range_nats(self) -> tuple[float, float] | None:
+        """Where the explanation is true for which it gives least, and most [-]; None where that is not known."""
+        nats = self.nats_where_true.values()
+        return (min(nats), max(nats)) if nats else None
 
 
 def propose(
@@ -115,8 +121,8 @@ class Weighed:
         """What is told of it."""
         once, test = self.given(1), self.test
         separates = tuple(dict.fromkeys(self.names[i] for pair in _told(once.of_pair) for i in pair))
-        least_and_most = (round(once.lowest, 2), round(once.highest, 2))
-        return NextTest(test.words, separates, round(once.whole, 2), None, test.needs, test.capture, least_and_most)
+        where_true = {names: round(nats, 2) for names, nats in zip(self.names, once.where_true, strict=True)}
+        return NextTest(test.words, separates, round(once.whole, 2), None, test.needs, test.capture, where_true)
 
     def told_for_certain(self) -> list[tuple[int, int]]:
         """Explanations that are true, each with another that the test would rule out then."""

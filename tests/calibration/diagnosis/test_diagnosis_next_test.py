@@ -104,13 +104,15 @@ def test_an_effect_that_may_be_gone_is_hardly_told_from_nothing():
 def test_what_a_test_gives_is_what_it_gives_with_half_of_the_probability():
     """Of three explanations the second is as probable as not; only the third is far off."""
     read = [normal(place, 0.0, 1.0) for place in (0.0, 1.0, 20.0)]
-    whole, each, lowest, highest = given_of(densities(read), [0.3, 0.6, 0.1])
+    whole, each, where_true = given_of(densities(read), [0.3, 0.6, 0.1])
     assert each == {(0, 1): 0.5, (0, 2): 200.0, (1, 2): 180.5}
     # of the second: 0.5 beside the first, 180.5 beside the third, and 180 between these two
     weights = np.array([0.18, 0.06, 0.03])
     assert whole == pytest.approx(float(weights @ [0.5, 180.5, 180.0]) / weights.sum())
-    assert lowest == whole
-    assert highest == pytest.approx(float(weights @ [19.5, 180.5, 200.0]) / weights.sum())  # where the third is true
+    assert where_true[1] == whole < where_true[0]
+    assert where_true[2] == pytest.approx(
+        float(weights @ [19.5, 180.5, 200.0]) / weights.sum()
+    )  # where the third is true
     assert given_of(densities(read), [0.0, 0.0, 0.0]) == given_of(densities(read), [0.2, 0.2, 0.2])
 
 

@@ -99,7 +99,7 @@ def confounded(found: Diagnosis) -> Diagnosis:
     verdict = Verdict(VerdictKind.CONFOUNDED, found.verdict.chosen, (rival,), 0.6, "several sets explain it")
     names = (("leakage",), rival)
     tests = [
-        NextTest("coast-down from 1.8 bar", names, 2.0, 3, range_nats=(0.3, 12.0)),
+        NextTest("coast-down from 1.8 bar", names, 2.0, 3, nats_where_true={names[0]: 0.3, names[1]: 12.0}),
         NextTest("spin-up to 2.4 bar", names, 0.4),
         NextTest("read the flow beside a reference", names, 9.0, 1, "a reference flow meter"),
     ]

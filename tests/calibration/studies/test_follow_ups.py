@@ -38,7 +38,8 @@ def test_the_test_of_another_day_is_the_one_that_was_asked_for_in_another_room(c
 
 
 def step(outcome: str, rivals: str, *promised: float) -> dict:
-    told = [{"test": "a test", "information_nats": promised[0], "delivered_nats": promised[1]}] if promised else []
+    keys = ("information_nats", "delivered_nats", "nats_if_right")  # older cases lack the last
+    told = [{"test": "a test"} | dict(zip(keys, promised, strict=False))] if promised else []
     return {"outcome": outcome, "rivals": [one.split("+") for one in rivals.split()], "promised": told}
 
 
@@ -46,22 +47,23 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
     listed, open_ = "truth listed", "a+b windage leakage inertia"  # the fourth is weighed by no test
     cases = [
         {"ids": ["windage"], "D": 9.0, "steps": [step(listed, open_), step("right", "", 20.0, 10.0)]},
-        {"ids": ["leakage"], "D": 8.0, "steps": [step(listed, open_), step(listed, open_, 30.0, 30.0)]},
+        {"ids": ["leakage"], "D": 8.0, "steps": [step(listed, open_), step(listed, open_, 30.0, 30.0, 12.0)]},
         {"ids": ["inertia"], "D": 2.0, "steps": [step("missed", open_), step("wrong name", "", 20.0, 40.0)]},
         {"ids": [], "D": 0.0, "steps": [step("right", "")]},
-        {"ids": ["flow_scale"], "D": None, "steps": [step("right", "flow_scale"), step("right", "", 5.0, 1.0)]},
+        {"ids": ["flow_scale"], "D": None, "steps": [step("right", "flow_scale"), step("right", "", 5.0, 1.0, 9.0)]},
     ]
     kept = [{"name": f"case-{i}", "error": "", "code": "ab"[i > 1], "sweep": i == 0} for i in range(len(cases))]
     rows = [case | one for case, one in zip(cases, kept, strict=True)]
     found = summary([*rows, {"name": "case-9", "error": "ValueError: no"}], 1, "code")
     assert (found["cases"], found["open"]) == (5, 4)
     assert found["ratios"] == {"count": 3, "median": 1.0, "quartiles": [0.75, 1.5]}
-    assert found["ratios_with_truth"] == {"count": 2, "median": 0.75, "quartiles": [0.625, 0.875]}
+    assert found["ratios_if_right"] == {"count": 1, "median": 2.5, "quartiles": [2.5, 2.5]}
     assert (found["told_apart"], found["named_after"]) == (2, [1, 1])
     assert (found["wrong_before"], found["wrong_after"]) == (0, 1)
     words = page(found)
     assert "5 cases of the second rig, 1 of them a sweep alone at first.\n4 stayed open" in words
-    assert "three at most: 2. Delivered over promised: median 0.75, quartiles 0.62 and 0.88." in words
+    assert "nats: 3. Delivered over promised: median 1.00, quartiles 0.75 and 1.50." in words
+    assert "weighed for: 1. Delivered over promised: median 2.50, quartiles 2.50 and 2.50." in words
     assert "| windage | 9.0 | truth listed, then right | a test |" in words
     assert "| below 3 | 1 missed |" in words and "| 7 and more | 2 truth listed |" in words
     assert "States of the code: 2, with 2 and 3 cases." in words
@@ -93,9 +95,16 @@ def test_cases_of_an_earlier_campaign_count_once(tmp_path, capsys):
     assert not (tmp_path / "third" / "cases.json").exists()
 
 
+@pytest.mark.parametrize("torques", ["0.2 0.06", "0 0.2", "nan 0.2", "0.1 inf"])
+def test_a_range_that_holds_no_torque_is_told(torques, tmp_path, capsys):
+    assert main(STUDY, ["-o", str(tmp_path / "out"), "--dry-friction", *torques.split()]) == 2
+    assert capsys.readouterr().err.startswith("follow_ups: --dry-friction: two torques above 0 N m")
+    assert not (tmp_path / "out").exists()
+
+
 def test_dry_friction_alone_takes_the_place_of_all_that_is_concealed():
     for index in range(20):
-        there = dry_friction_alone(draw("development", index, "days"))
+        there = dry_friction_alone(draw("development", index, "days"), (0.06, 0.20))
         assert there.ids == ["coulomb_friction"] and there.with_transients
         (effect,) = there.rig().effects
         assert effect.id == "coulomb_friction" and 0.06 <= effect.values["torque_nm"] <= 0.20
