@@ -29,7 +29,7 @@ from calibration.work.side_by_side import SideBySide
 from calibration.work.step_clock import Tell
 
 MOST = 4
-MOST_APART = 2  # of those that need another instrument
+MOST_APART = 3  # of those that need something which the bench may not have
 MOST_RIVALS = 3  # explanations that a test is to tell apart; others may be open too
 LEAST_NATS = 0.1
 
@@ -40,7 +40,7 @@ class NextTest:
 
     `separates`: sets of effects; the empty one is the base model.
     `repeats`: that bring odds of 150 to 1 between all that it separates [-]; None: no number does, or it was not asked.
-    `needs`: the instrument that it needs and the bench may not have; empty otherwise.
+    `needs`: what it needs and the bench may not have; empty otherwise.
     `capture`: what is taken; None where the bench cannot take it by itself.
     `nats_where_true`: by explanation, where that one is true [-].
     """
@@ -67,7 +67,7 @@ def propose(
     side_by_side: SideBySide | None = None,
     tell: Tell = lambda _: None,
 ) -> list[NextTest]:
-    """Tests ranked by what they would tell between the most probable rivals, those with another instrument last.
+    """Tests ranked by what they would tell between the most probable rivals, those that need something else last.
 
     `base`: the base model at its most probable point.
     `side_by_side`: does the refits; this process alone when left out.
@@ -163,7 +163,7 @@ def _repeats(one: Weighed) -> int | None:
 
 
 def ranked(found: Sequence[NextTest]) -> list[NextTest]:
-    """The few tests that would tell most, then those of other instruments; what tells next to nothing is left out."""
+    """The few tests that tell most, then those that need something else; without those that tell next to nothing."""
     best = sorted(
         (t for t in found if t.separates and t.information_nats >= LEAST_NATS), key=lambda t: -t.information_nats
     )

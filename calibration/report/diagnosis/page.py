@@ -320,7 +320,7 @@ def _resolve_table(found: Diagnosis) -> Grid:
 
 
 def _test_table(found: Diagnosis, apart: bool) -> Grid:
-    """Tests with what they would tell and how often they have to be taken; those that need another instrument apart."""
+    """Tests with what they would tell and how often they have to be taken; those that need something else apart."""
     rows = tuple(
         (
             f"{test.test}: {how_taken(told)}",

@@ -28,8 +28,8 @@ from calibration.likelihood.mode import Mode
 from calibration.likelihood.shapes import Places
 from calibration.systems.radial_piston import derivatives, not_described, run_starts, valley
 from calibration.systems.radial_piston.base import base_of
-from calibration.systems.radial_piston.next_tests.planned import planned
-from calibration.systems.radial_piston.next_tests.quantities import expected_quantity, quantities
+from calibration.systems.radial_piston.next_tests.planned import Planned, planned
+from calibration.systems.radial_piston.next_tests.quantities import Quantity, expected_quantity, quantities
 from calibration.systems.radial_piston.next_tests.readings import as_taken, expected_readings, line_of
 from calibration.systems.radial_piston.noise import Noise, Whitener
 from calibration.systems.radial_piston.places.balances import balances
@@ -251,16 +251,20 @@ class Comparison(Compared):
             return
         on, likeliest = runs or (self, rivals[0])
         line = line_of(on, likeliest)
-        for plan in planned(self, on):
-            read = partial(expected_readings, plan, self, line=line)
-            yield Test(plan.words, "", read, plan.capture, partial(as_taken, plan, self, line=line))
+        for plan in planned(self, on, line):
+            there = {} if plan.needs else line
+            read = partial(expected_readings, plan, self, line=there)
+            yield Test(_with_needs(plan), plan.needs, read, plan.capture, partial(as_taken, plan, self, line=there))
         for one in quantities(self, rivals[0]):
-            words = f"{one.words}: {one.needs}" if one.needs else one.words
-            yield Test(words, one.needs, partial(expected_quantity, one, self.problem))
+            yield Test(_with_needs(one), one.needs, partial(expected_quantity, one, self.problem))
 
     def rows_used(self) -> list[FileUse]:
         """Rows used of each file, as ``files`` of diagnosis/1."""
         return by_diagnosis(self.problem.recording, self.problem.blocks)
+
+
+def _with_needs(test: Planned | Quantity) -> str:
+    return f"{test.words}: {test.needs}" if test.needs else test.words
 
 
 def ordinary_speed(mode: Mode) -> float:

@@ -7,16 +7,21 @@ import math
 import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import tests.diagnosis_recordings as recordings
+from calibration.challenge.second_rig import another_day, draw, make_recording
+from calibration.data.joined import as_given
+from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.next_test.promised import Kept, Promise, Rival, asked_for, captures_of, kept, why_not
 from calibration.diagnosis.steps.candidate import Candidate
+from calibration.diagnosis.steps.verdict import VerdictKind
 from calibration.likelihood.expected import Capture
+from calibration.studies.follow_ups import dry_friction_alone
 from rig.recording import read_recording, write_recording
 from tests.calibration.diagnosis.test_several_recordings import FRICTION, on_another_day
 from tests.documents import check
@@ -41,6 +46,24 @@ def asked(tmp_path_factory) -> Path:
     channels = {name: one for name, one in heavy.channels.items() if name != "flow_l_min"}
     write_recording(replace(heavy, files=heavy.files[1:], channels=channels), folder / "flywheel")
     return folder
+
+
+@pytest.mark.long
+def test_a_line_that_is_not_vented_hides_dry_friction_and_a_valve_that_vents_shows_it(tmp_path):
+    """A litre of air behind a shut valve drives the motor while it coasts down."""
+    shut = dry_friction_alone(draw("development", 430014, "follow-ups"), (0.2, 0.5))
+    assert shut.supply["vent_area_mm2"] == 0.0
+    make_recording(shut, tmp_path / "first")
+    first = read_recording(tmp_path / "first")
+    tests = diagnose(first, 1).next_tests
+    (vented,) = [one for one in tests if "the line vented within 0.1 s" in one.test]
+    same = next(one for one in tests if one.capture and vented.test.startswith(one.test))
+    assert vented.needs and vented.information_nats > 5.0 * same.information_nats
+    another_day(
+        replace(shut, supply=shut.supply | {"vent_area_mm2": 30.0}), asdict(same.capture), 1, tmp_path / "valve"
+    )
+    verdict = diagnose(as_given([first, read_recording(tmp_path / "valve")]), 1).verdict
+    assert (verdict.kind, verdict.chosen.names) == (VerdictKind.NAMED, ("coulomb_friction",))
 
 
 @pytest.mark.long

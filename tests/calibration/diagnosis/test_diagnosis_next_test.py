@@ -131,7 +131,7 @@ def test_a_better_test_than_certainty_still_ranks_first():
 
 def test_tests_of_other_instruments_come_last_however_much_they_tell():
     own = [NextTest(f"own {i}", (("x",), ("y",)), 1.0 + i) for i in range(6)]
-    others = [NextTest(f"other {i}", (("x",), ("y",)), 100.0, 1, "a gauge") for i in range(3)]
+    others = [NextTest(f"other {i}", (("x",), ("y",)), 100.0, 1, "a gauge") for i in range(5)]
     found = ranked([*others, *own])
     assert [bool(one.needs) for one in found] == [False] * MOST + [True] * MOST_APART
 
@@ -152,6 +152,14 @@ def test_the_bench_plans_runs_plateaus_a_reversed_sweep_and_a_zero(comparison):
         "zero:",
     ):
         assert any(part in one for one in words), part
+
+
+@pytest.mark.parametrize(("venting_time", "is_slow"), [(2.0, True), (0.5, False), (None, False)])
+def test_a_line_that_empties_slowly_is_to_be_vented(comparison, venting_time, is_slow):
+    """What a line holds drives the motor while it coasts down, and hides its friction."""
+    line = {} if venting_time is None else {"venting_time": venting_time}
+    vented = [plan for plan in planned(comparison, line=line) if "the line vented within 0.1 s" in plan.words]
+    assert [(one.needs, one.capture) for one in vented] == [("a valve at the motor that vents", None)] * is_slow
 
 
 @pytest.mark.parametrize(("fastest_rpm", "level"), [(300.0, "3.11 bar abs"), (495.0, "2.6 bar abs"), (560.0, "")])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,8 @@ OF_THE_LIMIT = 0.95  # of the highest speed that the motor is made for
 PLATEAUS, PLATEAU_S = 10, 4.0  # one right after the other
 IN_TIME = ("coast-down", "spin-up")
 FLYWHEEL = 3.0  # times the rotor's inertia
+SLOW = 1.0  # sd of what is usual, from which on a line that empties so slowly drives the motor while it coasts down
+VENT = "a valve at the motor that vents"
 AN_HOUR_S = 3600.0
 SAME = 1e-6  # of a hundredth of a bar: 2.3 bar stays 2.3
 
@@ -39,11 +42,13 @@ class Planned:
 
     `recording`: what it would be read as; speeds and flows are placeholders.
     `capture`: what is taken; None where the bench cannot take it by itself.
+    `needs`: what the bench lacks for it, and has another line with; empty otherwise.
     """
 
     words: str
     recording: Recording
     capture: Capture | None = None
+    needs: str = ""
 
 
 @dataclass(frozen=True)
@@ -69,10 +74,13 @@ class Level:
         return np.full(PLATEAUS, self.read_bar)
 
 
-def planned(comparison: Comparison, on: Comparison | None = None) -> list[Planned]:
+def planned(
+    comparison: Comparison, on: Comparison | None = None, line: Mapping[str, float] | None = None
+) -> list[Planned]:
     """Coast-downs, a spin-up, plateaus elsewhere, cold, warm, a reversed sweep, the gauge at rest.
 
     `on`: the recording whose runs in time show how this bench takes them; the same, when left out.
+    `line`: what they say of its line, of `line_of`.
     """
     bench = _Bench(comparison, on or comparison)
     top = min(bench.top, bench.allowed())
@@ -89,6 +97,8 @@ def planned(comparison: Comparison, on: Comparison | None = None) -> list[Planne
         heavy = f"coast-down from {middle.words} with a flywheel of {flywheel}"
         in_time = bench.run(middle.read_bar, False, 1.0 + FLYWHEEL)
         found.append(bench.plan(heavy, in_time, "coast-down", middle, FLYWHEEL))
+        if line and line.get("venting_time", 0.0) > SLOW:
+            found.append(replace(found[-1], words=f"{heavy}, the line vented within 0.1 s", capture=None, needs=VENT))
         found.append(bench.plan(f"spin-up to {highest.words}", bench.run(highest.read_bar, True), "spin-up", highest))
     steady = [more, low, middle] if more.read_bar >= LEAST_HIGHER * top else [low, middle]
     found += [
