@@ -202,8 +202,14 @@ def _ratios(given: Rows, promised: str) -> dict[str, Any]:
 
 
 def _told_apart(one: Row) -> bool:
-    """Whether the truth was among what a test was to tell apart, and certainty was promised."""
-    return any(is_among and promised["information_nats"] > TOLD_APART for is_among, promised in _promises(one))
+    """Whether the truth was among what a test was to tell apart, and certainty was promised should it be right.
+
+    Older cases do not say what was promised then: there it is what was promised on the whole.
+    """
+    return any(
+        is_among and (promised.get("nats_if_right") or promised["information_nats"]) > TOLD_APART
+        for is_among, promised in _promises(one)
+    )
 
 
 def _is_named(one: Row, day: int) -> bool:

@@ -80,9 +80,10 @@ def together(
     found = {}
     for channel, (_, values) in readings.items():
         place = np.searchsorted(at[channel], times, side="right") - 1
-        fresh = (place >= 0) & (at[channel][place] == times)
-        shown = (place >= 0) if channel in held else fresh
-        found[channel] = np.where(shown, values[place], np.nan)
+        read = place >= 0
+        shown = read if channel in held else read & np.isin(times, at[channel])
+        found[channel] = np.full(times.size, np.nan)  # of a counter whose tooth never came there is nothing
+        found[channel][shown] = values[place[shown]]
     return times, found
 
 

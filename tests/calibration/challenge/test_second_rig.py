@@ -457,6 +457,16 @@ class TestRecordings:
         assert sweep.columns["speed_rpm"].values.min() > 5.0
 
 
+def test_channels_of_times_of_their_own_share_a_list_and_one_may_hold_nothing():
+    nothing, two, three = (np.zeros(0), np.zeros(0)), (np.array([1.0, 3.0]), np.array([5.0, 6.0])), np.arange(1.0, 4.0)
+    times, found = sheets.together({"speed": nothing, "pressure": two, "flow": (three, three)}, ("pressure",))
+    np.testing.assert_array_equal(times, three)
+    np.testing.assert_array_equal(found["pressure"], [5.0, 5.0, 6.0])
+    assert np.isnan(found["speed"]).all()
+    _, found = sheets.together({"pressure": two, "flow": (three, three)}, ())
+    np.testing.assert_array_equal(found["pressure"], [5.0, np.nan, 6.0])
+
+
 class TestNoise:
     def test_it_has_the_declared_size(self):
         sensors = {"noise_scale": 1.0, "correlation": 0.0, "tails": 0.0, "drift_bar": 0.0, "jitter_s": 0.0}
