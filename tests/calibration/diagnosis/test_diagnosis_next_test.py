@@ -110,9 +110,7 @@ def test_what_a_test_gives_is_what_it_gives_with_half_of_the_probability():
     weights = np.array([0.18, 0.06, 0.03])
     assert whole == pytest.approx(float(weights @ [0.5, 180.5, 180.0]) / weights.sum())
     assert where_true[1] == whole < where_true[0]
-    assert where_true[2] == pytest.approx(
-        float(weights @ [19.5, 180.5, 200.0]) / weights.sum()
-    )  # where the third is true
+    assert where_true[2] == pytest.approx(float(weights @ [19.5, 180.5, 200.0]) / weights.sum())
     assert given_of(densities(read), [0.0, 0.0, 0.0]) == given_of(densities(read), [0.2, 0.2, 0.2])
 
 

@@ -42,7 +42,7 @@ class Planned:
 
     `recording`: what it would be read as; speeds and flows are placeholders.
     `capture`: what is taken; None where the bench cannot take it by itself.
-    `needs`: what the bench lacks for it, and has another line with; empty otherwise.
+    `needs`: what the bench lacks for it; with it the line is another one. Empty otherwise.
     """
 
     words: str
