@@ -232,7 +232,9 @@ def _run(line: str, folder: Path) -> subprocess.Popen[bytes]:
 
 
 def _paths(folder: Path) -> set[Path]:
-    return {path for path in folder.rglob("*") if path.name != SAID}
+    """What is there while a command writes: `walk` passes over a folder that is gone before it can be looked into."""
+    inside = ((Path(top), [*folders, *files]) for top, folders, files in os.walk(folder))
+    return {top / name for top, names in inside for name in names if name != SAID}
 
 
 def _said(folder: Path) -> str:
