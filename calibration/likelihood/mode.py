@@ -17,6 +17,7 @@ import numpy as np
 
 from calibration.likelihood.bad_reading import BAD, BAD_WIDTH, bad_weight, log_bad
 from calibration.likelihood.compared import Compared, Prediction
+from calibration.likelihood.function import Function
 from calibration.likelihood.tails import reweighed_sizes
 
 # More of a channel are no single misreadings: this many, or as many as five if they are a fifth at most, or this share.
@@ -49,6 +50,17 @@ class Mode:
     log_evidence: float
     bad: np.ndarray
     prediction: Prediction
+
+
+def starting_at(f: Function, z: np.ndarray, u: np.ndarray) -> Mode:
+    """A point for a search to start from: a mode without derivatives, residuals or evidence.
+
+    `z`, shape (m,): nuisances, then the effects' unknowns [-].
+    `u`, shape (k,): the noise [-].
+    """
+    nothing = np.zeros(f.comparison.read.size)
+    D = np.zeros((nothing.size, z.size))
+    return Mode(f.names, z, u, D, D, nothing, np.eye(z.size), 0.0, nothing, f(z))
 
 
 def close(

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.likelihood.descent import find
 from calibration.likelihood.function import Function
-from calibration.likelihood.mode import Mode
+from calibration.likelihood.mode import Mode, starting_at
 from calibration.systems.radial_piston.predict.carried import carried
 from calibration.systems.radial_piston.predict.problem import Problem
 from calibration.systems.radial_piston.run_starts import with_lines
@@ -49,8 +49,7 @@ def _by_plateaus(comparison: Comparison) -> Mode | None:
     f, u = Function(comparison, ()), np.zeros(mode.u.size)
     z = with_lines(comparison, f, carried(steady.problem, mode, problem)[0], u)
     comparison.see_pulses(z)
-    D, nothing = np.zeros((comparison.read.size, z.size)), np.zeros(comparison.read.size)
-    return Mode((), z, mode.u, D, D, nothing, np.eye(z.size), 0.0, nothing, f(z))
+    return starting_at(f, z, mode.u)
 
 
 def _standing_out(comparison: Comparison, mode: Mode) -> np.ndarray:

@@ -14,7 +14,7 @@ from calibration.likelihood.compared import Compared, Row
 from calibration.likelihood.descent import find
 from calibration.likelihood.expected import Expected, Taken, Test
 from calibration.likelihood.function import Function
-from calibration.likelihood.mode import Mode
+from calibration.likelihood.mode import Mode, starting_at
 from calibration.likelihood.shapes import Places
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.noise import Noises, Whiteners
@@ -120,11 +120,7 @@ class Several(Compared):
             np.add.at(z, places, mode.z * precision)
             np.add.at(weight, places, precision)
         z[weight > 0.0] /= weight[weight > 0.0]
-        predicted = self.problem.predict(z, {})
-        D, nothing = np.zeros((self.read.size, z.size)), np.zeros(self.read.size)
-        u = self.noise.joined([mode.u for mode in alone])
-        start = Mode((), z, u, D, D, nothing, np.eye(z.size), 0.0, nothing, predicted)
-        return find(self, (), start)
+        return find(self, (), starting_at(Function(self, ()), z, self.noise.joined([mode.u for mode in alone])))
 
     def middle(self) -> np.ndarray:
         """Where a search starts: each recording's own, the motor at its prior's middle [-]."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.likelihood.compared import Compared
-from calibration.likelihood.mode import Mode
+from calibration.likelihood.function import Function
+from calibration.likelihood.mode import Mode, starting_at
 from calibration.systems.radial_piston.comparison import Comparison
 from calibration.systems.several.comparison import Several
 from calibration.systems.several.sharing import SHARED
@@ -39,7 +40,4 @@ def begun_at(both: Several, seen: Compared, mode: Mode, own: np.ndarray) -> Mode
         z[both.problem.at[k][list(before)]] = 0.0  # a drift begins at 0
     z = np.append(z, mode.z[len(seen.problem.nuisances) :])
     u = both.noise.joined([*(one.u for one in modes), modes[-1].u])
-    D, nothing = np.zeros((both.read.size, z.size)), np.zeros(both.read.size)
-    n = len(both.problem.nuisances)
-    predicted = both.problem.predict(z[:n], both.problem.chosen(mode.names, z[n:]))
-    return Mode(mode.names, z, u, D, D, nothing, np.eye(z.size), 0.0, nothing, predicted)
+    return starting_at(Function(both, mode.names), z, u)
