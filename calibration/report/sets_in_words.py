@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from model.effects import effects
 
@@ -19,6 +20,23 @@ def titles(names: Sequence[str]) -> str:
 def title(name: str) -> str:
     """An effect as people call it, with its id."""
     return f"{effects()[name].title} ({name})"
+
+
+def shared_and_rest(sets: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
+    """The effects that every set has, and what each has beside them."""
+    shared = [name for name in sets[0] if all(name in one for one in sets)]
+    rest = [[name for name in one if name not in shared] for one in sets]
+    return shared, [one or ["nothing more"] for one in rest] if shared else rest
+
+
+def alternatives(found: Mapping[str, Any], most: int) -> list[tuple[str, str]]:
+    """Rows of a diagnosis's alternatives, and one of what every explanation has.
+
+    `most`: that are told.
+    """
+    shared, _ = shared_and_rest([[one["id"] for one in found["effects"]], *found["alternatives"]])
+    rows = [("or", titles(names)) for names in found["alternatives"][:most]]
+    return [*rows, ("in all of them", titles(shared))] if rows and shared else rows
 
 
 def in_a_row(sets: Sequence[Sequence[str]], word: str) -> str:

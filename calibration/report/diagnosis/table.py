@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from calibration.diagnosis.steps.confirm import Predicted
 from calibration.report.diagnosis import words
 from calibration.report.render import findings
-from calibration.report.sets_in_words import titles
+from calibration.report.sets_in_words import alternatives
 from calibration.report.units import CAUTION, how_taken, nats_in_words, promise_in_words, times_to_take
 from model.effects import effects
 
@@ -22,7 +22,7 @@ def table(found: Mapping[str, Any]) -> Table:
     if found["verdict"] in ("named", "confounded"):
         said += f"; probability {found['set_probability']:.2f}, by how often such verdicts came true in blind tests"
     rows = [("verdict", said), *((one["id"], figures(one)) for one in found["effects"])]
-    rows += [("or", titles(names)) for names in found["alternatives"][: words.MOST_ROWS]]
+    rows += alternatives(found, words.MOST_ROWS)
     rows += [("where", words.place_in_words(place)) for place in found["located"][: words.MOST_ROWS]]
     if found["term"]:
         rows.append(("law found", f"{words.law_in_words(found['term'])} ({found['term']['balance']})"))

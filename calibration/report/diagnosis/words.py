@@ -9,7 +9,7 @@ from typing import Any
 
 from calibration.diagnosis.steps.locate import Kind
 from calibration.report.fit.words import p_in_words, rounded, uncertainty
-from calibration.report.sets_in_words import in_a_row, listed, titles
+from calibration.report.sets_in_words import in_a_row, listed, shared_and_rest, titles
 from calibration.report.units import FAMILIAR, RAISED, for_people, powers
 from configs.units import BAR
 from model.effects import effects
@@ -54,11 +54,14 @@ def sentence(found: Mapping[str, Any], at_top: Mapping[str, str] | None = None, 
 def _confounded(found: Mapping[str, Any], chance: str) -> str:
     """What fits, the most probable first, and what would decide."""
     named = [effect["id"] for effect in found["effects"]]
-    others = found["alternatives"][: MOST_ROWS - 1]
-    rest = len(found["alternatives"]) - len(others)
-    more = f", or one of {rest} more" if rest else ""
-    fits = "may not fit" if [] in [list(names) for names in found["alternatives"]] else "does not fit"
-    said = f"The model {fits} ({chance}). Most likely {titles(named)}; also possible: {in_a_row(others, 'or')}{more}."
+    shared, (first, *others) = shared_and_rest([named, *found["alternatives"]])
+    rest = len(others) - (MOST_ROWS - 1)
+    more = f", or one of {rest} more" if rest > 0 else ""
+    fits = "may not fit" if [] in others else "does not fit"
+    beside = f"Every explanation has {titles(shared)}. Beside {'them' if len(shared) > 1 else 'it'}, most likely"
+    likely = beside if shared else "Most likely"
+    also = in_a_row(others[: MOST_ROWS - 1], "or")
+    said = f"The model {fits} ({chance}). {likely} {titles(first)}; also possible: {also}{more}."
     if not found["next_tests"]:
         return f"{said} No test is known that would decide."
     return f"{said} To decide: {found['next_tests'][0]['test']}."

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calibration.report.render import findings
-from calibration.report.sets_in_words import in_a_row, titles
+from calibration.report.sets_in_words import alternatives, in_a_row, shared_and_rest, titles
 from calibration.report.units import CAUTION, promise_in_words, times_to_take
 from model.effects import effects
 from rig.recording.columns import IN_SI
@@ -33,9 +33,11 @@ def sentence(document: Mapping[str, Any]) -> str:
     if document["verdict"] == "named":
         words = f"Missing in the model ({chance}): {', '.join(_effect(one) for one in document['effects'])}."
     else:
-        rivals = in_a_row([named, *document["alternatives"][:MOST_ROWS]], "or")
-        fits = "may not fit" if [] in [list(names) for names in document["alternatives"]] else "does not fit"
-        words = f"The model {fits} ({chance}), and this recording cannot tell why: {rivals}."
+        shared, each = shared_and_rest([named, *document["alternatives"]])
+        rivals = in_a_row(each[: MOST_ROWS + 1], "or")
+        fits = "may not fit" if [] in each else "does not fit"
+        why = f"what there is beside {titles(shared)}" if shared else "why"
+        words = f"The model {fits} ({chance}), and this recording cannot tell {why}: {rivals}."
     left = document["left"]
     if left and left["p_value"] < LEFT_P:
         share = f"{left['share_of_mismatch']:.1%} of the mismatch"
@@ -55,7 +57,7 @@ def table(document: Mapping[str, Any]) -> Table:
         (one["id"], f"probability {one['probability']:.3f}; {_figures(one)}".rstrip("; "))
         for one in document["effects"]
     ]
-    rows += [("or", titles(names)) for names in document["alternatives"][:MOST_ROWS]]
+    rows += alternatives(document, MOST_ROWS)
     rows += [("where", place["sentence"]) for place in document["located"][:MOST_ROWS]]
     for i, said in enumerate(held_out_in_words(document)):
         rows.append((f"held out, {document['improvement']['held_out']['scheme']}" if i == 0 else "", said))

@@ -42,6 +42,7 @@ from calibration.report.diagnosis import page as diagnosis_page
 from calibration.report.diagnosis import sets as diagnosis_sets
 from calibration.report.diagnosis import table as diagnosis_table
 from calibration.report.diagnosis import words as diagnosis_words
+from calibration.report.machines import words as machine_words
 from calibration.report.units import CAUTION
 from calibration.systems.look_up import compared
 from calibration.systems.radial_piston.predict.problem import Problem
@@ -258,6 +259,36 @@ def test_sets_of_several_effects_are_set_off_by_commas():
     assert sets_in_words.in_a_row([["windage"], ["nothing missing"]], "and") == (
         "“drag growing with the square of speed (windage)” and nothing missing"
     )
+
+
+def explained_by(*sets: list[str]) -> dict[str, Any]:
+    """A confounded document of these sets, the likeliest first."""
+    effects = [{"id": name, "parameters": {}} for name in sets[0]]
+    said = {"verdict": "confounded", "mismatch": {"p_value": 1e-9}, "set_probability": 0.6, "check": [], "left": None}
+    return said | {"effects": effects, "alternatives": list(sets[1:]), "next_tests": []}
+
+
+def test_an_effect_that_every_explanation_has_is_told_as_that():
+    document = explained_by(["leakage", "windage"], ["windage", "flow_offset"], ["windage"])
+    drag, leak = "“drag growing with the square of speed (windage)”", "“air that does no work (leakage)”"
+    meter = "“flow meter reads high or low by a constant (flow_offset)”"
+    assert diagnosis_words.sentence(document) == (
+        f"The model does not fit (p < 10⁻⁶). Every explanation has {drag}. Beside it, most likely {leak}; also "
+        f"possible: {meter} or nothing more. No test is known that would decide."
+    )
+    assert sets_in_words.alternatives(document, 6)[-1] == ("in all of them", drag)
+    assert machine_words.sentence(document) == (
+        f"The model does not fit (p < 1e-06), and this recording cannot tell what there is beside {drag}: {leak}, "
+        f"{meter} or nothing more."
+    )
+
+
+def test_where_no_effect_is_in_every_explanation_none_is_told_as_that():
+    document = explained_by(["leakage", "windage"], ["windage"], ["leakage"])
+    for sentence in (diagnosis_words.sentence(document), machine_words.sentence(document)):
+        assert "Every explanation" not in sentence
+        assert "beside" not in sentence
+    assert len(sets_in_words.alternatives(document, 6)) == 2
 
 
 @pytest.mark.parametrize(
