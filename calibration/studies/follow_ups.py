@@ -154,6 +154,7 @@ def summary(rows: Rows, _first_seed: int, code: str) -> dict[str, Any]:
         "failed": [f"{one['name']}: {one['error']}" for one in rows if one["error"]],
         "open": len(open_),
         "promises": given,
+        "ratios_of_all": _ratios(given, "information_nats", 0.0),
         "ratios": _ratios(given, "information_nats"),
         "ratios_if_right": _ratios(given, "nats_if_right"),
         "told_apart": len(apart),
@@ -193,10 +194,10 @@ def _promises(one: Row) -> list[tuple[bool, dict[str, Any]]]:
     ]
 
 
-def _ratios(given: Rows, promised: str) -> dict[str, Any]:
-    """Delivered over promised of the promises that count: how many, median and quartiles."""
+def _ratios(given: Rows, promised: str, above: float = TOLD_APART) -> dict[str, Any]:
+    """Delivered over promised of the promises above some nats: how many, median and quartiles."""
     known = [(one["delivered_nats"], one.get(promised)) for one in given]
-    found = [nats / said for nats, said in known if said is not None and said > TOLD_APART]
+    found = [nats / said for nats, said in known if said is not None and said > above]
     low, median, high = np.quantile(found, [0.25, 0.5, 0.75]).tolist() if found else (None, None, None)
     return {"count": len(found), "median": median, "quartiles": [low, high]}
 
@@ -225,6 +226,7 @@ def page(found: Row) -> str:
         f"{found['open']} stayed open between explanations. Of those the first test that the bench can take was",
         "simulated as a recording of another day and given back, at most twice.",
         "",
+        f"- All promises: {_in_words(found['ratios_of_all'])}",
         f"- Promises above {TOLD_APART:g} nats: {_in_words(found['ratios'])}",
         "- The same with what was promised should the truth be right, where that was one of the explanations that the",
         f"  test was weighed for: {_in_words(found['ratios_if_right'])}",

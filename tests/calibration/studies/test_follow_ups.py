@@ -62,6 +62,7 @@ def test_promises_are_held_against_what_came_of_them_and_names_are_counted():
     assert (found["wrong_before"], found["wrong_after"]) == (0, 1)
     words = page(found)
     assert "5 cases of the second rig, 1 of them a sweep alone at first.\n4 stayed open" in words
+    assert "All promises: 4. Delivered over promised: median 0.75, quartiles 0.42 and 1.25." in words
     assert "nats: 3. Delivered over promised: median 1.00, quartiles 0.75 and 1.50." in words
     assert "weighed for: 1. Delivered over promised: median 2.50, quartiles 2.50 and 2.50." in words
     assert "| windage | 9.0 | truth listed, then right | a test |" in words
