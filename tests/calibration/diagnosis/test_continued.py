@@ -73,7 +73,9 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
     first = json.loads((asked / "first" / "diagnosis.json").read_text())
     assert first["verdict"] == "consistent"
     wanted = first["next_tests"][0]
-    assert "flywheel" in wanted["test"] and wanted["information_nats"] > 2.0
+    least_nats, dry_nats = wanted["range_nats"]  # the latter where dry friction is true
+    assert "flywheel" in wanted["test"] and dry_nats > 5.0
+    assert least_nats <= wanted["information_nats"] <= dry_nats  # the median: of two as likely, either
     assert wanted["command"].startswith("spinbench capture BENCH --kind coast-down --level-bar-abs 1.")
     assert wanted["command"].endswith(" --added-inertia-kg-m2 0.015")
     assert {"effects": ["coulomb_friction"]}.items() <= first["rivals"][1].items()
@@ -88,8 +90,7 @@ def test_a_diagnosis_goes_on_with_the_test_that_it_asked_for(asked, spinbench_he
     promised = second["promised"][0]
     assert promised["test"] == wanted["test"]
     assert promised["information_nats"] == wanted["information_nats"]
-    for told in (wanted["information_nats"], wanted["range_nats"][1]):  # the latter where dry friction is true
-        assert 0.5 < promised["delivered_nats"] / told < 2.0
+    assert 0.5 < promised["delivered_nats"] / dry_nats < 2.0
     assert f"gave {promised['delivered_nats']:.1f}" in done.stdout
     page = next((asked / "second").glob("report.html")).read_text()
     assert "What the tests that were asked for have given" in page
